@@ -4,6 +4,7 @@ The control has set-points over speed and fuel, and two PI controllers that act 
 """
 
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -137,27 +138,18 @@ def drive(
     actions = course.n_e.size - 1
     trail = np.empty((actions * substeps + 1 if with_trail else 0, len(TRAIL)))
     done = 0
-    for first, last, plant in _pieces(stages, actions):
+    plants, plant = dict(stages), stages[0][1]
+    for first, last in pairwise(sorted({*plants, *range(0, actions, CHUNK), actions})):
+        plant = plants.get(first, plant)
         done = _run(plant, targets, course, samples, step, substeps, first, last, x, commands, done, recorded, trail)
         if progress is not None:
             progress(last / actions)
-    plant = stages[-1][1]
     end = inputs_at(course, Commands(*commands), targets.period, actions - 1, targets.period)
     if done < samples.step.size:  # the last sample may lie on the end of the course
         record(plant, end, x, recorded[done])
     if with_trail:
         keep(plant, end, x, trail[-1])
     return recorded, trail
-
-
-def _pieces(stages: Sequence[tuple[int, Plant]], actions: int) -> list[tuple[int, int, Plant]]:
-    """Return the runs (first action, action after the last, plant) that cover the course, none longer than a chunk."""
-    starts = [start for start, _ in stages] + [actions]
-    return [
-        (first, min(first + CHUNK, after), plant)
-        for (start, plant), after in zip(stages, starts[1:], strict=True)
-        for first in range(start, after, CHUNK)
-    ]
 
 
 @njit(cache=True)

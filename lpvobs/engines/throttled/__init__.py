@@ -23,5 +23,5 @@ ENGINE = EngineKind(
     residual_model=residual_model,
     errors=errors_of,
     suspects=SUSPECTS,
-    in_c=lambda path: in_c(path.engine, path.learned),
+    in_c=in_c,
 )
