@@ -86,7 +86,7 @@ class AirPath(Protocol):
     @property
     def cylinders(self) -> float:
         """Number of cylinders, each of which fills once in two revolutions; 0 for an engine without."""
-        return float(self.engine_constants().get("n_cyl", 0.0))
+        return 0.0
 
     def engine_constants(self) -> Mapping[str, float]:
         """Return every constant of the engine by name."""

@@ -152,7 +152,7 @@ class UnloggedEffect:
 Injected = catalogue.CatalogueEffect | ChannelEffect | UnloggedEffect  # Whatever an effects file can hold
 
 
-def _disturbed(W: Array, form: str, strength: Array) -> Array:
+def _disturbed(W: Array, form: str, strength: Array | float) -> Array:
     return np.asarray(W * (1.0 + strength) if form == "gain" else W + strength)
 
 

@@ -73,8 +73,6 @@ def control(
     return Commands(u_egr, u_vgt, egr_integral, vgt_integral)
 
 
-Index = NDArray[np.int64]
-
 RECORDED = (
     "n_e", "u_delta", "u_egr", "u_vgt", "p_im", "p_em", "omega_t", "T_im", "T_em", "W_c", "W_egr", "W_ei", "W_leak",
     "warming",
@@ -98,7 +96,7 @@ class Course(NamedTuple):
 class Samples(NamedTuple):
     """When to record: in which step since the start, and how long after its beginning; both of shape (N,)."""
 
-    step: Index
+    step: NDArray[np.int64]
     after: Array  # s
 
 

@@ -106,8 +106,10 @@ def scene_of(
         n_e, u_delta = drive_engine_cycle(parameters.full_load, work, table, period)
         speed = likely_speed(parameters.full_load, n_e)
     V_d, heat = engine.geometry.V_d, parameters.combustion.q_HV * 1e-6 / 120.0 * u_delta * n_e * engine.geometry.n_cyl
+    channels: Mapping[str, Array] = {}
+    logged: tuple[str, ...] = ()
     if auxiliary is None:
-        still, channels, logged = np.ones_like(n_e), {}, ()
+        still = np.ones_like(n_e)
         p_amb, T_amb, coolant = ambient.p_amb * still, ambient.T_amb * still, parameters.cooling.T_cool * still
     else:
         p_amb, T_amb, load, channels = road(period, ambient.p_amb, ambient.T_amb, speed, measured, heat, seed)

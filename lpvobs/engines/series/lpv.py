@@ -52,6 +52,11 @@ class SeriesPath(AirPath):
         """The engine's constants, flat."""
         return constants_of(self.engine)
 
+    @property
+    def cylinders(self) -> float:
+        """Number of cylinders."""
+        return float(self.engine.geometry.n_cyl)
+
     def engine_constants(self) -> Mapping[str, float]:
         """Return every constant of the engine by name."""
         return dict(self.constants._asdict())

@@ -70,6 +70,11 @@ class Throttled(AirPath):
         """Return the air path with the curves and volumes that healthy logs show."""
         return replace(self, learned=learn(self.engine, logs))
 
+    @property
+    def cylinders(self) -> float:
+        """Number of cylinders."""
+        return float(self.engine.geometry.n_cyl)
+
     def engine_constants(self) -> Mapping[str, float]:
         """Return every scalar of the configured engine by name; what is learned is no part of it."""
         return {**vars(self.engine.air), **vars(self.engine.geometry)}
@@ -159,7 +164,8 @@ def _stacked(rows: list[list[Any]]) -> Array:
 
 def in_c(path: Throttled) -> dict[str, float | Array]:
     """Return the numbers that `model.c` reads: what is configured, nodes of the curves, and the curves."""
-    engine, learned, configured = path.engine, path._known(), path.engine_constants()
+    engine, learned = path.engine, path._known()
     nodes = {name: np.array(getattr(engine.curves, name)) for name in ("alpha_th", "n_e", "p_im")}
     area, eta_vol = (learned.curves[part.name].values.reshape(-1) for part in (relation.THROTTLE, relation.FILLING))
-    return configured | nodes | {"area": area, "eta_vol": eta_vol, "V_ic": learned["V_ic"], "V_im": learned["V_im"]}
+    volumes = {name: learned[name] for name in ("V_ic", "V_im")}
+    return {**path.engine_constants(), **nodes, **volumes, "area": area, "eta_vol": eta_vol}
