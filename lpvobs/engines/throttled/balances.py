@@ -118,10 +118,7 @@ def by_curves(engine: ThrottledEngine, learned: Knowledge, s: Signals, blocks: B
     out = np.zeros((len(learned.names), len(BALANCES), blocks.count))
     for b, part in enumerate(relation.PARTS):
         if all(channel in s.value for channel in NEEDS[part.name]):
-            values = learned.curves[part.name].values
-            shares = blocks.sums(
-                part.weights(engine, s.value), values.size, part.per(engine, s.value)
-            ) * values.reshape(-1)
+            shares = part.columns(engine, s.value, blocks) * learned.curves[part.name].values.reshape(-1)
             out[where[part.name], b] = (-shares / np.maximum(shares.sum(1), LEAST_FLOW)[:, None]).T
     return out
 

@@ -12,7 +12,6 @@ engine says of parts of the logs that it was not learned from gives its errors.
 """
 
 from collections.abc import Collection, Iterator, Sequence
-from math import prod
 
 import numpy as np
 import scipy
@@ -83,9 +82,7 @@ def _rows(engine: ThrottledEngine, log: Log, blocks: Blocks) -> list[Array]:
     x = log.channels
     RT = engine.air.R_a * blocks.mean(x["T_ic"])
     both = np.stack([blocks.rate(x["p_ic"]) / RT, blocks.rate(x["p_im"]) / RT], axis=1)
-    curves = [
-        blocks.sums(part.weights(engine, x), prod(part.shape(engine)), part.per(engine, x)) for part in relation.PARTS
-    ]
+    curves = [part.columns(engine, x, blocks) for part in relation.PARTS]
     volumes, flow = (both * np.array([1.0, 0.0]), both, both), np.maximum(blocks.mean(x["W_maf"]), LEAST_FLOW)
     return [np.hstack(each) / flow[:, None] for each in zip(curves, volumes, strict=True)]
 
