@@ -1,12 +1,12 @@
 """What every engine offers, so that gain, observer, tracer and report need not know which one they serve."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
-from lpvobs.engines.channels import NONE_SUSPECTED, Channel, Pulsation, Recorded, Suspects
+from lpvobs.engines.channels import Channel, Pulsation, Recorded, Suspects
 from lpvobs.engines.constants import scaled
 from lpvobs.engines.curves import Knowledge
 from lpvobs.engines.effects import SENSOR
@@ -195,7 +195,7 @@ class EngineKind:
     # a log by formula, for the self-test: takes the configuration's `[engine]` and the sensor's error [kg/s] as a
     # function of the map's inputs, and returns every channel, `time`, `ref_W_c` and `ref_delta_W_c`
     known_drive: Callable[[Any, Callable[[Array, Array], Array]], Mapping[str, Array]] | None = None
-    suspects: Suspects = NONE_SUSPECTED  # what its logs are tried for beyond impossible readings
+    suspects: Suspects = field(default_factory=Suspects)  # what its logs are tried for beyond impossible readings
     pulsation: Pulsation | None = None  # of the sensor under test; None where nothing is known of it
     caveat: str = ""  # what is to be said of every map of it
     # for control units: the numbers by name that `model.c` in the engine's folder reads, from the air path

@@ -60,10 +60,9 @@ class Blocks:
         return np.asarray(total / np.bincount(self.block, minlength=self.count)[:, None])
 
 
-def blocks_of(log: Log, length: float | None = None) -> Blocks:
-    """Return the blocks of one log, by default as long as `block_length` says."""
-    lasts = float(log.time[-1] - log.time[0])
-    return blocks_along(log.time, log.segments, block_length(lasts) if length is None else length)
+def blocks_of(log: Log) -> Blocks:
+    """Return the blocks of one log."""
+    return blocks_along(log.time, log.segments, block_length(float(log.time[-1] - log.time[0])))
 
 
 def block_length(lasts: float) -> float:

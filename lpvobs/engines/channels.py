@@ -4,7 +4,7 @@ import math
 import tomllib
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, fields
-from functools import cache, partial
+from functools import cache
 from importlib.resources import files
 from typing import Any
 
@@ -116,47 +116,46 @@ Channels = dict[str, Array]
 
 
 @dataclass(frozen=True)
-class MixUp:
-    """A mistake without which the balances agree: what to say of it, and how to put the channels right."""
+class Exchanged:
+    """A mistake without which the balances agree: two channels bear each other's names."""
 
-    says: str
-    mended: Callable[[Channels], Channels]
+    one: str
+    other: str
+
+    @property
+    def says(self) -> str:
+        """The mistake in words."""
+        return f"{self.one} and {self.other} exchanged"
+
+    def mended(self, channels: Channels) -> Channels:
+        """Return the channels put right."""
+        return {**channels, self.one: channels[self.other], self.other: channels[self.one]}
 
 
 @dataclass(frozen=True)
-class Check:
-    """What no healthy engine does for more than a share of the time, whatever its constants, and where a log does it."""
+class Below:
+    """What no healthy engine does for more than a share of the time, whatever its constants: a channel is below another."""
 
-    says: str
-    broken: Callable[[Channels], NDArray[np.bool_]]
-    most: float
+    one: str
+    other: str
+    most: float  # share of the time
+    slack: float = 0.0  # [unit], what it may be below
+    unit: str = ""
+
+    @property
+    def says(self) -> str:
+        """The fault in words."""
+        far = f"more than {self.slack:g} {self.unit} " if self.slack else ""
+        return f"{self.one} is {far}below {self.other}"
+
+    def broken(self, channels: Channels) -> NDArray[np.bool_]:
+        """Return where a log does it."""
+        return np.asarray(channels[self.one] < channels[self.other] - self.slack)
 
 
 @dataclass(frozen=True)
 class Suspects:
     """What the logs of a kind of engine are tried for."""
 
-    checks: tuple[Check, ...] = ()
-    mix_ups: tuple[MixUp, ...] = ()
-
-
-NONE_SUSPECTED = Suspects()
-
-
-def exchanged(one: str, other: str) -> MixUp:
-    """Return the mistake that two channels bear each other's names."""
-    return MixUp(f"{one} and {other} exchanged", partial(_exchange, one, other))
-
-
-def below(one: str, other: str, most: float, slack: float = 0.0, unit: str = "") -> Check:
-    """Return the check that a channel is not more than `slack` [unit] below another for more than a share of the time."""
-    far = f"more than {slack:g} {unit} " if slack else ""
-    return Check(f"{one} is {far}below {other}", partial(_below, one, other, slack), most)
-
-
-def _exchange(one: str, other: str, channels: Channels) -> Channels:
-    return {**channels, one: channels[other], other: channels[one]}
-
-
-def _below(one: str, other: str, slack: float, channels: Channels) -> NDArray[np.bool_]:
-    return np.asarray(channels[one] < channels[other] - slack)
+    checks: tuple[Below, ...] = ()
+    mix_ups: tuple[Exchanged, ...] = ()

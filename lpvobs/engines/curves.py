@@ -91,26 +91,9 @@ Weights = tuple[NDArray[np.int64], Array]
 """Nodes (N, m) that take part in each of N values, and the weight of each, which add up to one."""
 
 
+@njit(cache=True)
 def on_line(nodes: Array, x: Array) -> Weights:
     """Return which two of J nodes each of N points lies between, and their weights; outside, the end holds."""
-    found: Weights = _on_line(nodes, np.ascontiguousarray(x))
-    return found
-
-
-def on_surface(first: Array, second: Array, x: Array, y: Array) -> Weights:
-    """Return the same for the four nodes around points of a plane, numbered row by row along the second axis."""
-    found: Weights = _crossed(*on_line(first, x), *on_line(second, y), second.size)
-    return found
-
-
-def in_space(first: Array, second: Array, third: Array, x: Array, y: Array, z: Array) -> Weights:
-    """Return the same for the eight nodes around points of space."""
-    found: Weights = _crossed(*on_surface(first, second, x, y), *on_line(third, z), third.size)
-    return found
-
-
-@njit(cache=True)
-def _on_line(nodes, x):  # type: ignore[no-untyped-def]
     found, shares = np.empty((x.size, 2), np.int64), np.empty((x.size, 2))
     for k in range(x.size):
         inside = np.minimum(np.maximum(x[k], nodes[0]), nodes[-1])  # as numbers that are none stay none
@@ -122,8 +105,21 @@ def _on_line(nodes, x):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _crossed(i, u, j, v, size):  # type: ignore[no-untyped-def]
+def on_surface(first: Array, second: Array, x: Array, y: Array) -> Weights:
+    """Return the same for the four nodes around points of a plane, numbered row by row along the second axis."""
+    return _crossed(on_line(first, x), on_line(second, y), second.size)
+
+
+@njit(cache=True)
+def in_space(first: Array, second: Array, third: Array, x: Array, y: Array, z: Array) -> Weights:
+    """Return the same for the eight nodes around points of space."""
+    return _crossed(on_surface(first, second, x, y), on_line(third, z), third.size)
+
+
+@njit(cache=True)
+def _crossed(rows: Weights, columns: Weights, size: int) -> Weights:
     """Return nodes and weights of a product of axes; the last one has so many nodes."""
+    (i, u), (j, v) = rows, columns
     a, b = i.shape[1], j.shape[1]
     found, shares = np.empty((len(i), a * b), np.int64), np.empty((len(i), a * b))
     for k in range(len(i)):

@@ -124,16 +124,6 @@ def delay(s: Signals, dead_time: float) -> Signals:
     return s.corrected(SENSOR, s[SENSOR] + other * (s.later(dead_time) - now))
 
 
-def drift(s: Signals, rate: Any) -> Any:
-    """Return reading over truth of a gain that moves with time from the start of the log."""
-    return 1.0 + rate * s.time
-
-
-def warm_air(s: Signals, coefficient: Any) -> Any:
-    """Return reading over truth of a gain that follows the temperature of the air at the sensor."""
-    return 1.0 + coefficient * (s["T_amb"] - AIR_AT_CALIBRATION)
-
-
 def contamination(s: Signals, x: Any) -> Signals:
     """Return the flow behind a film whose King's law has lost a share x of its slope: sqrt W_m = (1 - x) sqrt W + x sqrt PIVOT."""
     above = np.sqrt(np.maximum(s[SENSOR], 0.0)) - x * np.sqrt(PIVOT)
@@ -153,10 +143,13 @@ def on_the_reading() -> Mapping[str, Effect]:
             "maf.gain", "factor", "1", 1.0, 0.05, 0.4, 2.0, "sensor",
             reading(lambda s, x: np.broadcast_to(x, s.time.shape)), STEADY, True, needs=own,
         ),
-        Effect("maf.drift", "rate", "1/s", 0.0, 1e-4, -1e-3, 1e-3, "sensor", reading(drift), STEADY, needs=own),
         Effect(
-            "maf.temperature", "coefficient", "1/K", 0.0, 1e-3, -0.02, 0.02, "sensor", reading(warm_air), ALTITUDE,
-            needs=(SENSOR, "T_amb"),
+            "maf.drift", "rate", "1/s", 0.0, 1e-4, -1e-3, 1e-3, "sensor",
+            reading(lambda s, rate: 1.0 + rate * s.time), STEADY, needs=own,
+        ),
+        Effect(
+            "maf.temperature", "coefficient", "1/K", 0.0, 1e-3, -0.02, 0.02, "sensor",
+            reading(lambda s, k: 1.0 + k * (s["T_amb"] - AIR_AT_CALIBRATION)), ALTITUDE, needs=(SENSOR, "T_amb"),
         ),
         Effect("maf.contamination", "coefficient", "1", 0.0, 0.05, -0.5, 0.5, "sensor", contamination, STEADY, needs=own),
     )  # fmt: skip

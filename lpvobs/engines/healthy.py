@@ -42,30 +42,29 @@ def parts_of(time: Array) -> NDArray[np.int64]:
     return np.asarray((time // CHUNK).astype(np.int64) % FOLDS)
 
 
-def healthy_errors(residual: Array, shown: NDArray[np.bool_], transience: Array, chunk: Array) -> HealthyErrors:
-    """Return the errors that held-out residuals of healthy logs show, shape (B, K), `shown` where each balance counts.
+def healthy_errors(parts: Sequence[tuple[Array, NDArray[np.bool_], Array, Array]]) -> HealthyErrors:
+    """Return the errors that held-out residuals of healthy logs show.
 
-    `transience` and `chunk`, the number of the minute and the log that each block belongs to, have shape (K,).
+    A part is of one log: residuals and where each balance counts, both of shape (B, K), the transience of its blocks and the number
+    of the minute that each belongs to, both of shape (K,).
     """
-    partly: NDArray[np.bool_] = ~np.all(shown, axis=1)
-    level = np.array(
-        [np.median(r[on]) if part and on.any() else 0.0 for r, on, part in zip(residual, shown, partly, strict=True)]
-    )
-    residual = residual - level[:, None]
+    residual, shown, transience = (np.concatenate([part[i] for part in parts], axis=-1) for i in range(3))
+    chunk = np.concatenate([part[3] + 1e4 * number for number, part in enumerate(parts)])
+    counts: list[NDArray[np.bool_]] = list(shown.astype(bool))
+    partly = np.array([not on.all() for on in counts])
+    level = [
+        np.median(r[on]) if part and on.any() else 0.0 for r, on, part in zip(residual, counts, partly, strict=True)
+    ]
+    residual = residual - np.array(level)[:, None]
+    rows = list(zip(residual, counts, strict=True))
     bounds = np.quantile(transience, QUANTILES)
     classes = np.searchsorted(bounds, transience)
-    scale = np.array(
-        [
-            [_scale(r[on & (classes == c)]) for r, on in zip(residual, shown, strict=True)]
-            for c in range(len(QUANTILES) + 1)
-        ]
-    )
+    scale = np.array([[_scale(r[on & (classes == c)]) for r, on in rows] for c in range(len(QUANTILES) + 1)])
     scale[:, partly] = np.maximum(scale[:, partly], LEAST_SCALE)
     z = np.clip(residual / scale[classes].T, -TAIL, TAIL)
     together = np.eye(residual.shape[0])
     whole = np.flatnonzero(~partly)  # a balance that holds in part of the time has few blocks in common with the others
     together[np.ix_(whole, whole)] = z[whole] @ z[whole].T / z.shape[1]
-    rows = list(zip(residual, shown, strict=True))
     rms = np.array([np.sqrt(np.mean(r[on] ** 2)) if on.any() else LEAST_SCALE for r, on in rows])
     return HealthyErrors(bounds, scale, together, np.array([slow(r[on], chunk[on]) for r, on in rows]), rms)
 
@@ -94,10 +93,3 @@ def slow(r: Array, chunk: Array) -> float:
         return 0.0
     spread = 1.48 * float(np.median(np.abs(np.array(medians) - np.median(medians))))
     return float(np.sqrt(max(spread**2 - float(np.median(own)), 1e-6)))
-
-
-def pooled(parts: Sequence[tuple[Array, NDArray[np.bool_], Array, Array]]) -> HealthyErrors:
-    """Return the errors of several logs; each part is what `healthy_errors` takes, with minutes numbered on its own."""
-    residual, shown, transience = (np.concatenate([part[i] for part in parts], axis=-1) for i in range(3))
-    chunk = np.concatenate([part[3] + 1e4 * number for number, part in enumerate(parts)])
-    return healthy_errors(residual, shown.astype(bool), transience, chunk)

@@ -73,16 +73,13 @@ class ChannelEffect(Timed):
     def on(self, W: Array, time: Array, point: Mapping[str, Array]) -> Array:
         """Return the reading W [kg/s] with the effect, shape (N,); settled, with the channel's true values at the same times."""
         course = point[self.channel]
-        distance = course - (self.reference or 0.0)
-        if self.form == "additive":
-            changed = W + self.amplitude * distance
-        elif self.form == "gain":
-            changed = W * (1.0 + self.amplitude * distance)
-        elif self.form == "rate":
-            changed = W + self.amplitude * (np.gradient(course, time) if time.size > 1 else 0.0)
+        if self.form == "rate":
+            signal = np.gradient(course, time) if time.size > 1 else np.zeros(1)
+        elif self.form == "switch":
+            signal = course > (self.threshold or 0.0)
         else:
-            changed = W + self.amplitude * (course > (self.threshold or 0.0))
-        return blended(W, changed, self.share(time))
+            signal = course - (self.reference or 0.0)
+        return blended(W, _disturbed(W, self.form, self.amplitude * signal), self.share(time))
 
 
 @dataclass(frozen=True)
@@ -149,10 +146,14 @@ class UnloggedEffect:
         """Return the reading W [kg/s] with the effect, shape (N,); settled."""
         spans = () if isinstance(self.episodes, Telegraph) else self.episodes
         strength = self.amplitude * sum(_episode(time, *span, self.shape) for span in spans)
-        return np.asarray(W + strength if self.form == "additive" else W * (1.0 + strength))
+        return _disturbed(W, self.form, strength)
 
 
 Injected = catalogue.CatalogueEffect | ChannelEffect | UnloggedEffect  # Whatever an effects file can hold
+
+
+def _disturbed(W: Array, form: str, strength: Array | float) -> Array:
+    return np.asarray(W * (1.0 + strength) if form == "gain" else W + strength)
 
 
 def _episode(time: Array, start: float, stop: float, shape: str) -> Array:

@@ -159,12 +159,8 @@ class Entry:
         return ("course", "onset", "end", *KEYS.get(str(self.table.get("course")), ()))
 
     def timed(self) -> dict[str, Any]:
-        """Return the fields of `Timed`."""
-        return {"onset": self.optional("onset"), "end": self.optional("end"), "course": self.course()}
-
-    def course(self) -> EffectCourse:
-        """Return the course, by default that of what is always there."""
-        course = self.table.get("course", "always")
+        """Return the fields of `Timed`, the course by default that of what is always there."""
+        onset, end, course = self.optional("onset"), self.optional("end"), self.table.get("course", "always")
         if course not in KEYS:
             raise UsageError(f"{self.name}: course = {course!r}, expected one of {', '.join(KEYS)}")
         for key in KEYS[course]:
@@ -173,7 +169,9 @@ class Entry:
         low, high = ("low", "high") if course == "hysteresis" else ("from", "to")
         lasting, lower = self.optional("time_constant") or 0.0, self.optional(low) or 0.0
         upper = 1.0 if high not in self.table else self.number(high)
-        return EffectCourse(course, self.pairs("intervals"), lasting, str(self.table.get("input", "")), lower, upper)
+        follows = str(self.table.get("input", ""))
+        found = EffectCourse(course, self.pairs("intervals"), lasting, follows, lower, upper)
+        return {"onset": onset, "end": end, "course": found}
 
 
 def effect_of(table: Mapping[str, Any]) -> CatalogueEffect:

@@ -4,6 +4,7 @@ The control has set-points over speed and fuel, and two PI controllers that act 
 """
 
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ from lpvobs.records import Array
 from lpvobs.simulation.derivative import derivative, flows
 from lpvobs.simulation.parameters import Control, Setpoints, SimulationParameters
 from lpvobs.simulation.plant import OMEGA_T, P_EM, P_IM, SLOWEST_TURBINE, T_IM, U_VGT, Inputs, Plant
+from lpvobs.simulation.vehicle import interpolate
 
 
 class Targets(flat_type([*names_of(Setpoints, Control), "n_cyl"])):  # type: ignore[misc]
@@ -39,12 +41,9 @@ def targets_of(parameters: SimulationParameters, n_cyl: int) -> Targets:
 def look_up(rows: Array, columns: Array, values: Array, row: float, column: float) -> float:
     """Return the bilinear value of a table, held outside its axes."""
     i = min(max(int(np.searchsorted(rows, row)) - 1, 0), rows.size - 2)
-    j = min(max(int(np.searchsorted(columns, column)) - 1, 0), columns.size - 2)
-    a = min(max((row - rows[i]) / (rows[i + 1] - rows[i]), 0.0), 1.0)
-    b = min(max((column - columns[j]) / (columns[j + 1] - columns[j]), 0.0), 1.0)
-    low = (1.0 - b) * values[i, j] + b * values[i, j + 1]
-    high = (1.0 - b) * values[i + 1, j] + b * values[i + 1, j + 1]
-    return (1.0 - a) * low + a * high
+    share = min(max((row - rows[i]) / (rows[i + 1] - rows[i]), 0.0), 1.0)
+    low, high = interpolate(columns, values[i], column), interpolate(columns, values[i + 1], column)
+    return (1.0 - share) * low + share * high
 
 
 @njit(cache=True)
@@ -74,8 +73,6 @@ def control(
     return Commands(u_egr, u_vgt, egr_integral, vgt_integral)
 
 
-Index = NDArray[np.int64]
-
 RECORDED = (
     "n_e", "u_delta", "u_egr", "u_vgt", "p_im", "p_em", "omega_t", "T_im", "T_em", "W_c", "W_egr", "W_ei", "W_leak",
     "warming",
@@ -99,7 +96,7 @@ class Course(NamedTuple):
 class Samples(NamedTuple):
     """When to record: in which step since the start, and how long after its beginning; both of shape (N,)."""
 
-    step: Index
+    step: NDArray[np.int64]
     after: Array  # s
 
 
@@ -139,27 +136,18 @@ def drive(
     actions = course.n_e.size - 1
     trail = np.empty((actions * substeps + 1 if with_trail else 0, len(TRAIL)))
     done = 0
-    for first, last, plant in _pieces(stages, actions):
+    plants, plant = dict(stages), stages[0][1]
+    for first, last in pairwise(sorted({*plants, *range(0, actions, CHUNK), actions})):
+        plant = plants.get(first, plant)
         done = _run(plant, targets, course, samples, step, substeps, first, last, x, commands, done, recorded, trail)
         if progress is not None:
             progress(last / actions)
-    plant = stages[-1][1]
     end = inputs_at(course, Commands(*commands), targets.period, actions - 1, targets.period)
     if done < samples.step.size:  # the last sample may lie on the end of the course
         record(plant, end, x, recorded[done])
     if with_trail:
         keep(plant, end, x, trail[-1])
     return recorded, trail
-
-
-def _pieces(stages: Sequence[tuple[int, Plant]], actions: int) -> list[tuple[int, int, Plant]]:
-    """Return the runs (first action, action after the last, plant) that cover the course, none longer than a chunk."""
-    starts = [start for start, _ in stages] + [actions]
-    return [
-        (first, min(first + CHUNK, after), plant)
-        for (start, plant), after in zip(stages, starts[1:], strict=True)
-        for first in range(start, after, CHUNK)
-    ]
 
 
 @njit(cache=True)

@@ -9,7 +9,7 @@ from itertools import pairwise
 from math import inf, isfinite
 from typing import Annotated
 
-from lpvobs.engines.constants import flat, flat_type, names_of
+from lpvobs.engines.constants import flat_type, names_of
 
 Row = tuple[float, ...]
 EQUATION_40 = (2.10e-5, -8.62e-4, 1.46e-9, -6.40e-6, -1.84e-8, 0.0032316)
@@ -271,19 +271,9 @@ class Structure(Checked):
     maf_element: Amplitude = 0.0
     rasters: Amplitude = 0.0
 
-    @property
-    def inside(self) -> "Amplitudes":
-        """The forms inside the engine."""
-        return flat(Amplitudes, self)
 
-    @property
-    def slow_sensors(self) -> bool:
-        """Whether a sensor or the recorder needs to know what has been between two samples."""
-        return self.thermocouple > 0.0 or self.maf_element > 0.0 or self.rasters > 0.0
-
-
-class Amplitudes(flat_type(names_of(Structure, without=("maf_element", "rasters")))):  # type: ignore[misc]
-    """The forms inside the engine; zero is the engine of the model."""
+class Amplitudes(flat_type(names_of(Structure))):  # type: ignore[misc]
+    """The same as compiled functions read them."""
 
 
 @dataclass(frozen=True)

@@ -103,7 +103,7 @@ def plant_of(engine: DieselEngine, parameters: SimulationParameters) -> Plant:
     fire = parameters.combustion
     pipe = fire.h_tot * pi * fire.d_pipe * fire.l_pipe * fire.n_pipe
     body = flat(Body, fire, parameters.cooling, parameters.actuators, pipe=pipe)
-    return Plant(constants_of(engine), body, SOUND, parameters.structure.inside)
+    return Plant(constants_of(engine), body, SOUND, flat(Amplitudes, parameters.structure))
 
 
 def resting_state(plant: Plant, p_amb: float, T_amb: float) -> Array:

@@ -3,7 +3,7 @@
 The control of the simulated engine keeps its own true signals; only what is logged changes.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import floor, sqrt
 
@@ -27,42 +27,8 @@ FILTER_RESISTANCE = 2.08e5  # Pa/(kg/s)^2, air filter
 WITH_MEMORY = ("maf.lag", "maf.delay", "T_im.lag")  # effects that need to know what has been between two samples
 
 
-def reading(channel: str, values: Array, time: Array, effects: Sequence[CatalogueEffect]) -> Array:
-    """Return what a sensor other than that of the air flow shows, shape (N,), when its factors and offsets are wrong."""
-    for effect in effects:
-        if effect.id == f"{channel}.gain":
-            values = blended(values, effect.value * values, effect.share(time))
-        elif effect.id == f"{channel}.offset":
-            values = blended(values, values + effect.value, effect.share(time))
-    return values
-
-
-def flow_through_sensor(
-    W_c: Array, time: Array, R_a: float, air: Mapping[str, Array], effects: Sequence[CatalogueEffect]
-) -> Array:
-    """Return the flow [kg/s] that passes the air flow sensor, shape (N,): less than W_c where the inlet draws air in behind it."""
-    # The filter's depression dp = 2.08e5 W^2, with W the flow through filter and sensor, drives air of ambient density
-    # through the leak, A sqrt(2 rho dp). Both are proportional to W, so the leak takes a fixed share of it. The
-    # compressor's own inlet stays at ambient pressure.
-    for effect in effects:
-        if effect.id == "leak.inlet":
-            density = air["p_amb"] / (R_a * air["T_amb"])
-            share = effect.value * np.sqrt(2.0 * density * FILTER_RESISTANCE)
-            W_c = blended(W_c, W_c / (1.0 + share), effect.share(time))
-    return W_c
-
-
-def maf_characteristic(W: Array, time: Array, point: Mapping[str, Array], effects: Sequence[CatalogueEffect]) -> Array:
-    """Return the reading [kg/s], shape (N,), after every effect that has no memory, in the order of the sensor's physics.
-
-    W is the flow through the sensor with its error surface, `time` [s] counts from the start of the log, and `point` has the
-    true `n_e` [rpm], `u_delta` [mg/cycle] and `T_amb` [K].
-    """
-    for identifier, characteristic in _CHARACTERISTICS.items():
-        for effect in effects:
-            if effect.id == identifier:
-                W = blended(W, characteristic(effect.value, W, time, point), effect.share(time))
-    return W
+Formula = Callable[[float, Array, Array, Mapping[str, Array]], Array]
+"""Returns changed values, shape (N,), from an effect's value, the values, their times [s] of the log, and the true channels."""
 
 
 def _contaminated(x: float, W: Array, time: Array, point: Mapping[str, Array]) -> Array:
@@ -76,8 +42,7 @@ def _backflow(x: float, W: Array, time: Array, point: Mapping[str, Array]) -> Ar
     return np.asarray(W * (1.0 + x * slow * point["u_delta"] / 40.0))
 
 
-_Characteristic = Callable[[float, Array, Array, Mapping[str, Array]], Array]
-_CHARACTERISTICS: dict[str, _Characteristic] = {
+MAF: Mapping[str, Formula] = {
     "maf.contamination": _contaminated,
     "maf.backflow": _backflow,
     "maf.temperature": lambda k, W, time, point: W * (1.0 + k * (point["T_amb"] - WARM)),
@@ -85,6 +50,21 @@ _CHARACTERISTICS: dict[str, _Characteristic] = {
     "maf.gain": lambda factor, W, time, point: W * factor,
     "maf.offset": lambda offset, W, time, point: W + offset,
 }
+"""What the air flow sensor reads after every effect that has no memory, in the order of the sensor's physics."""
+
+
+def after(
+    effects: Iterable[CatalogueEffect],
+    formulas: Mapping[str, Formula],
+    values: Array,
+    time: Array,
+    point: Mapping[str, Array],
+) -> Array:
+    """Return values, shape (N,), after those of the effects, one behind the other, that have a formula here."""
+    for effect in effects:
+        if effect.id in formulas:
+            values = blended(values, formulas[effect.id](effect.value, values, time, point), effect.share(time))
+    return values
 
 
 def with_memory(W: Array, step: float, effects: Sequence[CatalogueEffect]) -> Array:
@@ -150,23 +130,29 @@ class Instruments:
     disturbances: tuple[ChannelEffect | UnloggedEffect, ...]
     structure: Structure
 
-    def settled(self, truth: Mapping[str, Array], duration: float) -> "Instruments":
-        """Return the same with everything filled in that the drive decides of the disturbances."""
-        return replace(self, disturbances=tuple(item.settled(truth, duration) for item in self.disturbances))
-
     def maf(self, point: Mapping[str, Array], time: Array) -> Array:
         """Return what the air flow sensor shows [kg/s], shape (N,), before its lag, delay and noise.
 
         `point` has the true `n_e` [rpm], `u_delta` [mg/cycle], `W_c` [kg/s], `p_amb` [Pa], `T_amb` [K] and the channels behind
         disturbances. These are settled and act on what the effects leave.
         """
-        W, pulsing = flow_through_sensor(point["W_c"], time, self.R_a, point, self.effects), self.structure.maf_element
-        misread = W * rectified(pulsing, point["n_e"], point["u_delta"]) if pulsing > 0.0 else 0.0
+        W = after(self.effects, {"leak.inlet": self._drawn_in_behind}, point["W_c"], time, point)
+        misread = W * rectified(self.structure.maf_element, point["n_e"], point["u_delta"])
         W = W + surface_error(self.surface, point["u_delta"], point["n_e"], W) + misread  # Eq. (7)
-        W = maf_characteristic(W, time, point, self.effects)
+        order = list(MAF)
+        own = sorted((effect for effect in self.effects if effect.id in MAF), key=lambda effect: order.index(effect.id))
+        W = after(own, MAF, W, time, point)
         for disturbance in self.disturbances:
             W = disturbance.on(W, time, point)
         return W
+
+    def _drawn_in_behind(self, area: float, W_c: Array, time: Array, point: Mapping[str, Array]) -> Array:
+        """Return the flow that passes the sensor, less than W_c where the inlet draws air in behind it."""
+        # The filter's depression dp = 2.08e5 W^2, with W the flow through filter and sensor, drives air of ambient density
+        # through the leak, A sqrt(2 rho dp). Both are proportional to W, so the leak takes a fixed share of it. The
+        # compressor's own inlet stays at ambient pressure.
+        density = point["p_amb"] / (self.R_a * point["T_amb"])
+        return W_c / (1.0 + area * np.sqrt(2.0 * density * FILTER_RESISTANCE))
 
 
 def sense(
@@ -177,19 +163,20 @@ def sense(
     time = samples.step * instruments.step + samples.after
     truth = dict(zip(RECORDED, recorded.T, strict=True)) | scene.at(time)
     truth["delta_W_c"] = surface_error(instruments.surface, truth["u_delta"], truth["n_e"], truth["W_c"])
-    if (pulsing := instruments.structure.maf_element) > 0.0:
-        truth["delta_W_c"] += truth["W_c"] * rectified(pulsing, truth["n_e"], truth["u_delta"])
+    truth["delta_W_c"] += truth["W_c"] * rectified(instruments.structure.maf_element, truth["n_e"], truth["u_delta"])
     if scene.channels:
         charge = truth["T_amb"] + truth["warming"]
         truth["T_charge"] = lagged(charge, float(time[1] - time[0]) if time.size > 1 else 1.0, CHARGE_LAG)
-    instruments = instruments.settled(truth, scene.duration)
-    truth["W_maf"] = instruments.maf(truth, time)
-    others = {name: values for name, values in truth.items() if name != "W_maf"}
-    shown = {name: reading(name, values, time, instruments.effects) for name, values in others.items()}
-    shown["W_maf"] = truth["W_maf"]
+    settled = tuple(item.settled(truth, scene.duration) for item in instruments.disturbances)
+    instruments = replace(instruments, disturbances=settled)
+    shown = {}
+    for name, values in truth.items():
+        formulas = {f"{name}.gain": MAF["maf.gain"], f"{name}.offset": MAF["maf.offset"]}
+        shown[name] = after(instruments.effects, formulas, values, time, truth)
+    shown["W_maf"] = instruments.maf(truth, time)
     if trail.shape[0] > 0:
         shown |= _with_trail(instruments, scene, samples, trail, (time, truth, shown))
-    return truth | {"W_maf": shown["W_maf"]}, shown
+    return truth, shown
 
 
 def _with_trail(

@@ -9,6 +9,7 @@ import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import exp, pi, sqrt
+from typing import NamedTuple
 
 import numpy as np
 
@@ -58,8 +59,7 @@ class Auxiliary:
             raise ValueError(f"channels: {', '.join(self.channels)} lists a channel twice; name each channel once")
 
 
-@dataclass(frozen=True)
-class Road:
+class Road(NamedTuple):
     """What happens around the engine, at every action of its control, shape (M,)."""
 
     p_amb: Array  # [Pa] of the air that the engine takes in

@@ -22,34 +22,26 @@ CURVE_STEP = 1.0  # rpm
 
 def drive_engine_cycle(full_load: FullLoad, work: Work, cycle: EngineCycle, raster: float) -> tuple[Array, Array]:
     """Return n_e [rpm] and u_delta [mg/cycle] before the smoke limit, both of shape (M,), every `raster` seconds from zero."""
-    n_e, u_delta = denormalise(full_load, work, cycle)
+    slowest, fastest = full_load.idle_speed, full_load.n_e[-1]
+    n_e = np.clip(slowest + norm_span(full_load, work, cycle.world_harmonised) * cycle.speed / 100.0, slowest, fastest)
+    wanted = cycle.torque / 100.0 * full_load_torque(full_load, work, n_e)
+    burnt = np.array([fuel(work, n, M) for n, M in zip(n_e, wanted, strict=True)])
+    most = np.interp(n_e, full_load.n_e, full_load.u_delta)
+    u_delta = np.where(cycle.motoring, 0.0, np.minimum(burnt, most))
     time = np.arange(round(cycle.time[-1] / raster) + 1) * raster
     speed, quantity = (np.interp(time, cycle.time, column) for column in (n_e, u_delta))
     return smooth(speed, SMOOTHING / raster), smooth(quantity, SMOOTHING / raster)
 
 
-def denormalise(full_load: FullLoad, work: Work, cycle: EngineCycle) -> tuple[Array, Array]:
-    """Return n_e [rpm] and u_delta [mg/cycle] in every row of the cycle; motoring is no fuel."""
-    span = (harmonised_span if cycle.world_harmonised else european_span)(full_load, work)
-    fastest = full_load.n_e[-1]
-    n_e = np.clip(full_load.idle_speed + span * cycle.speed / 100.0, full_load.idle_speed, fastest)
-    most = np.interp(n_e, full_load.n_e, full_load.u_delta)
-    wanted = cycle.torque / 100.0 * np.array([torque(work, n, u) for n, u in zip(n_e, most, strict=True)])
-    burnt = np.array([fuel(work, n, M) for n, M in zip(n_e, wanted, strict=True)])
-    return n_e, np.where(cycle.motoring, 0.0, np.minimum(burnt, most))
-
-
-def european_span(full_load: FullLoad, work: Work) -> float:
-    """Return reference minus idle speed [rpm] of the ETC: n_ref = n_lo + 0.95 (n_hi - n_lo), at 50 and 70 % of rated power."""
-    n_lo, n_hi = speed_at_power(full_load, work, 0.50, first=True), speed_at_power(full_load, work, 0.70, first=False)
-    return n_lo + 0.95 * (n_hi - n_lo) - full_load.idle_speed
-
-
-def harmonised_span(full_load: FullLoad, work: Work) -> float:
-    """Return the speed [rpm] that 100 % of the WHTC's norm speed adds to idle."""
-    # From n_lo at 55 % and n_hi at 70 % of rated power and the preferred speed n_pref, at which 51 % of the area under the
-    # curve of full-load torque are reached, counted from idle to the highest speed with 95 % of rated power.
-    n_lo, n_hi = speed_at_power(full_load, work, 0.55, first=True), speed_at_power(full_load, work, 0.70, first=False)
+def norm_span(full_load: FullLoad, work: Work, world_harmonised: bool) -> float:
+    """Return the speed [rpm] that 100 % of a cycle's norm speed, the WHTC's or the ETC's, adds to idle."""
+    # From n_lo, the lowest speed with 55 % of rated power (ETC: 50 %), and n_hi, the highest with 70 %. The ETC's reference
+    # speed is n_lo + 0.95 (n_hi - n_lo). At the WHTC's preferred speed n_pref 51 % of the area under the curve of full-load
+    # torque are reached, counted from idle to the highest speed with 95 % of rated power.
+    n_lo = speed_at_power(full_load, work, 0.55 if world_harmonised else 0.50, first=True)
+    n_hi = speed_at_power(full_load, work, 0.70, first=False)
+    if not world_harmonised:
+        return n_lo + 0.95 * (n_hi - n_lo) - full_load.idle_speed
     curve = np.arange(full_load.idle_speed, speed_at_power(full_load, work, 0.95, first=False), CURVE_STEP)
     area = np.cumsum(full_load_torque(full_load, work, curve))
     n_pref = float(np.interp(0.51 * area[-1], area, curve))
@@ -114,16 +106,17 @@ def scene_of(
         n_e, u_delta = drive_engine_cycle(parameters.full_load, work, table, period)
         speed = likely_speed(parameters.full_load, n_e)
     V_d, heat = engine.geometry.V_d, parameters.combustion.q_HV * 1e-6 / 120.0 * u_delta * n_e * engine.geometry.n_cyl
+    channels: Mapping[str, Array] = {}
+    logged: tuple[str, ...] = ()
     if auxiliary is None:
         still = np.ones_like(n_e)
-        wall = wall_temperature(period, parameters.cooling.T_cool * still, heat / V_d)
-        air = ambient.p_amb * still, ambient.T_amb * still
-        return DriveCourse(Course(n_e, u_delta, *air, wall, speed), period, {}, ())
-    around = road(period, ambient.p_amb, ambient.T_amb, speed, measured, heat, seed)
-    loaded = with_load(work, parameters.full_load, n_e, u_delta, around.torque)
-    wall = wall_temperature(period, around.channels["T_coolant"], heat / V_d)
-    course = Course(n_e, loaded, around.p_amb, around.T_amb, wall, speed)
-    return DriveCourse(course, period, around.channels, _logged(auxiliary, measured, cycle))
+        p_amb, T_amb, coolant = ambient.p_amb * still, ambient.T_amb * still, parameters.cooling.T_cool * still
+    else:
+        p_amb, T_amb, load, channels = road(period, ambient.p_amb, ambient.T_amb, speed, measured, heat, seed)
+        u_delta, coolant = with_load(work, parameters.full_load, n_e, u_delta, load), channels["T_coolant"]
+        logged = _logged(auxiliary, measured, cycle)
+    wall = wall_temperature(period, coolant, heat / V_d)
+    return DriveCourse(Course(n_e, u_delta, p_amb, T_amb, wall, speed), period, channels, logged)
 
 
 def likely_speed(full_load: FullLoad, n_e: Array) -> Array:

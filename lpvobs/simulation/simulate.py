@@ -3,7 +3,7 @@
 import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from math import ceil, floor, sqrt
+from math import ceil, floor
 from types import MappingProxyType
 
 import numpy as np
@@ -16,7 +16,7 @@ from lpvobs.errors import UsageError
 from lpvobs.records import Array
 from lpvobs.simulation.disturbances import ChannelEffect, Injected
 from lpvobs.simulation.effects import CATALOGUE, CatalogueEffect
-from lpvobs.simulation.instruments import measure, record, shown_late
+from lpvobs.simulation.instruments import record, shown_late
 from lpvobs.simulation.integrate import drive, sample_times, targets_of
 from lpvobs.simulation.parameters import ErrorSurface, SimulationParameters
 from lpvobs.simulation.plant import SOUND, Condition, Plant, Rise, plant_of, resting_state
@@ -114,18 +114,16 @@ def simulate(
         _check_that_it_shows(effect, scene)
     pulsing = [CatalogueEffect("maf.backflow", sensor.pulsation) for sensor in sensors.values() if sensor.pulsation]
     effects = (*effects, *pulsing)
-    # samples that are taken for each that is logged: sensors with a memory need `FINE` of them a second
-    remembers = parameters.structure.slow_sensors or any(sensor.tau or sensor.late for sensor in sensors.values())
+    # samples that are taken for each that is logged: sensors and recorders with a memory need `FINE` of them a second
+    form = parameters.structure
+    slow = form.thermocouple + form.maf_element + form.rasters > 0.0
+    remembers = slow or any(sensor.tau or sensor.late for sensor in sensors.values())
     most = floor(1.0 / (parameters.step * rate) + 1e-9) if remembers else 1
     fine = max(1, min(ceil(FINE / rate), most))
     truth, shown = _drive(engine, parameters, scene, rate * fine, surface or parameters.surface, effects, progress)
     shown |= behind(sensors, shown, 1.0 / (rate * fine))
-    logged, amplitude = {name: shown[name] for name in UNITS if name in shown}, parameters.structure.rasters
-    if amplitude > 0.0 or any(sensor.raster or sensor.quantisation for sensor in sensors.values()):
-        step, n_cyl = 1.0 / (rate * fine), engine.geometry.n_cyl
-        readings = record(amplitude, sensors, logged, n_cyl, fine, step, parameters.sensors, seed)
-    else:
-        readings = measure({name: values[::fine] for name, values in logged.items()}, parameters.sensors, seed)
+    logged, step = {name: shown[name] for name in UNITS if name in shown}, 1.0 / (rate * fine)
+    readings = record(form.rasters, sensors, logged, engine.geometry.n_cyl, fine, step, parameters.sensors, seed)
     truth, shown = ({name: values[::fine] for name, values in signals.items()} for signals in (truth, shown))
     if auxiliary is not None:
         readings |= measure_road(shown, scene.logged, seed)
@@ -149,20 +147,15 @@ def _check_that_it_shows(effect: Injected, scene: DriveCourse) -> None:
     if not isinstance(effect, CatalogueEffect):
         return
     if effect.id == "maf.drift":
-        _check_drift(effect, scene)
+        until, gain = min(effect.end or scene.duration, scene.duration), CATALOGUE["maf.gain"]
+        if not gain.low <= (factor := 1.0 + effect.value * until) <= gain.high:
+            raise UsageError(
+                f"{effect.id}: rate = {effect.value:g} 1/s multiplies the reading by {factor:g} at {until:g} s, "
+                f"expected a factor of {gain.low:g} to {gain.high:g}; take a smaller rate"
+            )
     if effect.id == "maf.temperature" and effect.acts and np.all(scene.course.T_amb == WARM):
         raise UsageError(
             f"{effect.id}: this effect would change nothing, because T_amb stays at {WARM:g} K; add an [auxiliary] table"
-        )
-
-
-def _check_drift(effect: CatalogueEffect, scene: DriveCourse) -> None:
-    until, gain = min(effect.end or scene.duration, scene.duration), CATALOGUE["maf.gain"]
-    factor = 1.0 + effect.value * until
-    if not gain.low <= factor <= gain.high:
-        raise UsageError(
-            f"{effect.id}: rate = {effect.value:g} 1/s multiplies the reading by {factor:g} at {until:g} s, "
-            f"expected a factor of {gain.low:g} to {gain.high:g}; take a smaller rate"
         )
 
 
@@ -203,14 +196,13 @@ GIVEN = frozenset({"R_a", "R_e", "c_pa", "c_pe", "gamma_a", "gamma_e", "n_cyl", 
 
 
 def drawn(
-    engine: DieselEngine, tolerance: float | Mapping[str, float], seed: int, normal: bool = False
+    engine: DieselEngine, tolerance: float | Mapping[str, float], seed: int
 ) -> tuple[DieselEngine, dict[str, float]]:
     """Return an engine with constants drawn, and the relative deviation of each by name.
 
-    The tolerance is relative: of every constant but properties of gases, or of those named. Deviations are uniform within it,
-    or `normal` with the same standard deviation, tolerance / sqrt(3). Every constant has a stream of its own: a draw of few
-    constants gives each the deviation that a draw of all does. Raises UsageError for a name that the engine does not have, or
-    that cannot be drawn.
+    The tolerance is relative: of every constant but properties of gases, or of those named. Deviations are uniform within it.
+    Every constant has a stream of its own: a draw of few constants gives each the deviation that a draw of all does. Raises
+    UsageError for a name that the engine does not have, or that cannot be drawn.
 
     A plant for a benchmark: `simulate(drawn(config.engine, config.estimate.tolerance, 7)[0], config.simulation, "etc_part1")`.
     """
@@ -221,10 +213,6 @@ def drawn(
             raise UsageError(
                 f"constant '{name}' cannot be varied at random; expected one or more of {', '.join(sorted(set(names) - GIVEN))}"
             )
-    deviation = {name: size * _draw(name, seed, normal) for name, size in within.items()}
+    streams = {name: np.random.PCG64([seed, zlib.crc32(f"constant {name}".encode())]) for name in within}
+    deviation = {name: size * np.random.Generator(streams[name]).uniform(-1.0, 1.0) for name, size in within.items()}
     return scaled(engine, deviation), deviation
-
-
-def _draw(name: str, seed: int, normal: bool) -> float:
-    stream = np.random.Generator(np.random.PCG64([seed, zlib.crc32(f"constant {name}".encode())]))
-    return float(stream.standard_normal() / sqrt(3.0) if normal else stream.uniform(-1.0, 1.0))

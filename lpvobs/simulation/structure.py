@@ -31,14 +31,9 @@ def filling_factor(
     """Return the flow into the cylinders over that of the model [-]."""
     # `T_wall` [K] of the intake ports follows coolant and load slowly; `crowd` is the flow per displacement [kg/(s m^3)],
     # `r_c` the compression ratio.
-    factor = 1.0
-    if s.wave > 0.0:
-        factor *= 1.0 + s.wave * wave(n_e, p_im, T_im)
-    if s.residual_gas > 0.0:
-        factor *= 1.0 - s.residual_gas * residual_gas(n_e, p_im, p_em, r_c)
-    if s.charge_heating > 0.0:
-        factor /= 1.0 + s.charge_heating * charge_heating(T_im, T_wall, crowd)
-    return factor
+    rings = 1.0 + s.wave * wave(n_e, p_im, T_im)
+    fresh = 1.0 - s.residual_gas * residual_gas(n_e, p_im, p_em, r_c)
+    return rings * fresh / (1.0 + s.charge_heating * charge_heating(T_im, T_wall, crowd))
 
 
 @njit(cache=True)
@@ -148,18 +143,14 @@ def compressor_stage(plant: Plant, p_im: float, omega_t: float, p_amb: float, T_
     # Losses are those of incompressible restrictions, dp = k W^2 / rho (Eriksson and Nielsen 2014, Ch. 7; Guzzella and
     # Onder 2010, Sec. 2.3): 1.5 kPa in the filter and 4 to 6 kPa in the intercooler at high flow. Against a curve: the
     # pressure ratio that is logged is not the compressor's, by an amount that follows flow and density.
-    s = plant.structure
-    T_in, warming = T_amb, 0.0
-    if s.compressor > 0.0:
-        inlet, warming = soaked(s.compressor, plant.engine.R_c * omega_t, T_em - T_amb)
-        T_in += inlet
+    s, U = plant.structure, plant.engine.R_c * omega_t
+    inlet, warming = soaked(s.compressor, U, T_em - T_amb)
+    T_in = T_amb + inlet
     W_c = stage_flow(plant, p_im, p_amb, omega_t, T_in)
-    p_in, p_out = p_amb, p_im
     if s.pipes > 0.0:
         W_c = flow_with_losses(plant, W_c, p_im, p_amb, omega_t, T_amb, T_in)
-        p_in, p_out = behind_losses(plant, W_c, p_im, p_amb, T_amb)
-    loss = reynolds(s.compressor, plant.engine.R_c * omega_t, p_in, T_in) if s.compressor > 0.0 else 1.0
-    return Stage(W_c, p_in, p_out, T_in, loss, warming)
+    p_in, p_out = behind_losses(plant, W_c, p_im, p_amb, T_amb)
+    return Stage(W_c, p_in, p_out, T_in, reynolds(s.compressor, U, p_in, T_in), warming)
 
 
 @njit(cache=True)

@@ -88,17 +88,6 @@ class Moment(NamedTuple):
     engaged: bool
 
 
-def car_of(vehicle: Vehicle) -> Car:
-    """Return the vehicle's constants as arrays and floats."""
-    return flat(
-        Car,
-        vehicle,
-        ratio=tuple(gear * vehicle.final_drive / vehicle.wheel_radius for gear in vehicle.gears),
-        road_0=vehicle.road_constant + vehicle.rolling_resistance * vehicle.mass * 9.81,
-        road_2=vehicle.road_quadratic * 3.6**2,
-    )
-
-
 def drive_speed_cycle(vehicle: Vehicle, work: Work, cycle: SpeedCycle, raster: float) -> tuple[Array, Array, Array]:
     """Return n_e [rpm], u_delta [mg/cycle] before the smoke limit, speed [m/s], each (M,), every `raster` seconds."""
     time = np.arange(round(cycle.time[-1] / raster) + 1) * raster
@@ -111,7 +100,10 @@ def drive_speed_cycle(vehicle: Vehicle, work: Work, cycle: SpeedCycle, raster: f
         gear, engaged = np.full(time.size, -1), np.ones(time.size, dtype=bool)
     else:
         gear, engaged = np.clip(cycle.gear[row] - 1, 0, len(vehicle.gears) - 1), cycle.engaged[row]
-    return _follow(car_of(vehicle), work, raster, wanted, foreseen, gear, engaged)
+    ratio = tuple(gear * vehicle.final_drive / vehicle.wheel_radius for gear in vehicle.gears)
+    road_0 = vehicle.road_constant + vehicle.rolling_resistance * vehicle.mass * 9.81
+    car = flat(Car, vehicle, ratio=ratio, road_0=road_0, road_2=vehicle.road_quadratic * 3.6**2)
+    return _follow(car, work, raster, wanted, foreseen, gear, engaged)
 
 
 def smooth(values: Array, width: float) -> Array:

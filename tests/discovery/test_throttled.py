@@ -11,8 +11,9 @@ from lpvobs.discovery.refine import refine
 from lpvobs.discovery.residual import free_map, lay_out, nominal_map
 from lpvobs.engines.effects import Signals
 from lpvobs.engines.throttled.balances import BALANCES, Imbalances
-from lpvobs.engines.throttled.effects import throttled_model
+from lpvobs.engines.throttled.effects import residual_model
 from lpvobs.engines.throttled.learning import errors_of, learn
+from lpvobs.engines.throttled.lpv import Throttled
 from lpvobs.errors import DataError
 from lpvobs.io.configuration.config import load_config
 
@@ -32,7 +33,7 @@ def healthy():
 @pytest.fixture(scope="module")
 def model(config, healthy):
     learned, errors = learn(config.engine, [healthy]), errors_of(config.engine, [healthy])
-    return throttled_model(config.engine, learned, errors, config.trace, {healthy.sha256})
+    return residual_model(config, Throttled(config.engine, learned), errors, {healthy.sha256}, None)
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,7 @@
 from functools import partial
 
 from lpvobs.engines.base import EngineKind
-from lpvobs.engines.channels import Suspects, below, exchanged, recorded
+from lpvobs.engines.channels import Below, Exchanged, Suspects, recorded
 from lpvobs.engines.diesel.constants import DieselEngine
 from lpvobs.engines.diesel.effects import pulsating, residual_model
 from lpvobs.engines.diesel.lpv import Diesel
@@ -13,8 +13,8 @@ from lpvobs.engines.residual_model import DayToDay
 # On 24 simulated drives (three cycles, sea level to 2000 m, -5 to 35 degrees) p_em was below p_im for 9 % of the time at most, T_im
 # 5 K below T_amb never; with the channels exchanged for 91 and 78 % at least. On a bench a cooler may hold T_im at T_amb.
 SUSPECTS = Suspects(
-    checks=(below("p_em", "p_im", 0.5), below("T_im", "T_amb", 0.5, slack=5.0, unit="K")),
-    mix_ups=tuple(exchanged(*pair.split()) for pair in ("p_im p_em", "p_im p_amb", "T_im T_amb", "u_egr u_vgt")),
+    checks=(Below("p_em", "p_im", 0.5), Below("T_im", "T_amb", 0.5, slack=5.0, unit="K")),
+    mix_ups=tuple(Exchanged(*pair.split()) for pair in ("p_im p_em", "p_im p_amb", "T_im T_amb", "u_egr u_vgt")),
 )
 ENGINE = EngineKind(
     air_path=Diesel,

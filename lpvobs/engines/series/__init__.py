@@ -3,7 +3,7 @@
 from functools import partial
 
 from lpvobs.engines.base import EngineKind
-from lpvobs.engines.channels import Suspects, below, exchanged, recorded
+from lpvobs.engines.channels import Below, Exchanged, Suspects, recorded
 from lpvobs.engines.residual_model import DayToDay
 from lpvobs.engines.series.constants import SeriesEngine
 from lpvobs.engines.series.effects import residual_model
@@ -19,7 +19,7 @@ ENGINE = EngineKind(
     example="series.toml",
     residual_model=residual_model,
     suspects=Suspects(
-        checks=(below("T_im", "T_amb", 0.5, slack=5.0, unit="K"),),
-        mix_ups=(exchanged("p_im", "p_amb"), exchanged("T_im", "T_amb")),
+        checks=(Below("T_im", "T_amb", 0.5, slack=5.0, unit="K"),),
+        mix_ups=(Exchanged("p_im", "p_amb"), Exchanged("T_im", "T_amb")),
     ),
 )

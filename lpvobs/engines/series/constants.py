@@ -56,10 +56,7 @@ class SeriesEngine:
     file: str = ""
 
 
-PARTS = (Gases, Cylinders, Filling, Egr, Exhaust, Fuel)
-
-
-class SeriesConstants(flat_type(names_of(*PARTS))):  # type: ignore[misc]
+class SeriesConstants(flat_type(names_of(Gases, Cylinders, Filling, Egr, Exhaust, Fuel))):  # type: ignore[misc]
     """The same constants, flat, for the relations that engines share."""
 
 

@@ -1,6 +1,7 @@
 """The effects that filling and lambda can show, and the engine as the loop sees it."""
 
 from collections.abc import Collection, Mapping
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -71,8 +72,8 @@ def by_corrections(modes: Array, found: AsFound, s: Signals, _: Blocks | None) -
 
 def further(found: AsFound, s: Signals) -> tuple[Array, Array]:
     """Return what the engine lacks adds to the flows, (3, N) [kg/s], and to the state equation, (2, N)."""
-    in_order = Signals(**{**vars(s), "lacks": np.tile(np.array(list(LACKS.values()))[:, None], (1, s.lacks.shape[1]))})
-    change = imbalances(found, s) - imbalances(found, in_order)
+    in_order = np.tile(np.array(list(LACKS.values()))[:, None], (1, s.lacks.shape[1]))
+    change = imbalances(found, s) - imbalances(found, replace(s, lacks=in_order))
     c = found.constants
     return -change, np.stack([c.R_a * s["T_im"] / c.V_im * change[FILLINGS].sum(axis=0), np.zeros(change.shape[1])])
 

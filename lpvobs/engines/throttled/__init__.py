@@ -3,7 +3,7 @@
 from functools import partial
 
 from lpvobs.engines.base import EngineKind
-from lpvobs.engines.channels import Suspects, below, exchanged, recorded
+from lpvobs.engines.channels import Below, Exchanged, Suspects, recorded
 from lpvobs.engines.residual_model import DayToDay
 from lpvobs.engines.throttled.constants import ThrottledEngine
 from lpvobs.engines.throttled.effects import residual_model
@@ -12,8 +12,8 @@ from lpvobs.engines.throttled.lpv import Throttled, in_c
 
 # The intercooler of the LiU-ICE bench holds T_ic within 2 K of T_amb, mostly below it: two thermometers, not two temperatures.
 SUSPECTS = Suspects(
-    checks=(below("p_ic", "p_im", 0.5), below("T_ic", "T_amb", 0.5, slack=5.0, unit="K")),
-    mix_ups=tuple(exchanged(*pair) for pair in (("p_ic", "p_im"), ("p_ic", "p_amb"), ("T_ic", "T_amb"))),
+    checks=(Below("p_ic", "p_im", 0.5), Below("T_ic", "T_amb", 0.5, slack=5.0, unit="K")),
+    mix_ups=tuple(Exchanged(*pair) for pair in (("p_ic", "p_im"), ("p_ic", "p_amb"), ("T_ic", "T_amb"))),
 )
 ENGINE = EngineKind(
     air_path=Throttled,
@@ -23,5 +23,5 @@ ENGINE = EngineKind(
     residual_model=residual_model,
     errors=errors_of,
     suspects=SUSPECTS,
-    in_c=lambda path: in_c(path.engine, path.learned),
+    in_c=in_c,
 )

@@ -52,7 +52,7 @@ class Imbalances:
 
     def __call__(self, learned: Knowledge, s: Signals, blocks: Blocks | None) -> Array:
         """Return what is left of each balance, shape (4, K); zero where channels are missing."""
-        blocks = _needed(blocks)
+        blocks = needed(blocks)
         out = np.zeros((len(BALANCES), blocks.count))
         part = {name: self._part(name, learned, s, blocks) for name in PARTS if all(c in s.value for c in PARTS[name])}
         if "flow" not in part:
@@ -104,7 +104,7 @@ def by_reading(balances: Callable[..., Array], learned: Knowledge, s: Signals, b
 
 def shown(learned: Knowledge, s: Signals, blocks: Blocks | None) -> NDArray[np.bool_]:
     """Return which balances the channels allow, and where they hold, shape (4, K)."""
-    blocks = _needed(blocks)
+    blocks = needed(blocks)
     there = np.array([all(channel in s.value for channel in NEEDS[name]) for name in BALANCES])
     counted = np.tile(there[:, None], (1, blocks.count))
     if there[3]:
@@ -114,21 +114,18 @@ def shown(learned: Knowledge, s: Signals, blocks: Blocks | None) -> NDArray[np.b
 
 def by_curves(engine: ThrottledEngine, learned: Knowledge, s: Signals, blocks: Blocks | None) -> Array:
     """Return how the balances move with the relative deviation of every node of the curves, shape (m - 2, 4, K)."""
-    blocks, where = _needed(blocks), learned.places()
+    blocks, where = needed(blocks), learned.places()
     out = np.zeros((len(learned.names), len(BALANCES), blocks.count))
     for b, part in enumerate(relation.PARTS):
         if all(channel in s.value for channel in NEEDS[part.name]):
-            values = learned.curves[part.name].values
-            shares = blocks.sums(
-                part.weights(engine, s.value), values.size, part.per(engine, s.value)
-            ) * values.reshape(-1)
+            shares = part.columns(engine, s.value, blocks) * learned.curves[part.name].values.reshape(-1)
             out[where[part.name], b] = (-shares / np.maximum(shares.sum(1), LEAST_FLOW)[:, None]).T
     return out
 
 
 def blur(balances: Callable[..., Array], learned: Knowledge, s: Signals, blocks: Blocks | None) -> Array:
     """Return the standard deviation that the scatter of the pressure ratio within a block gives each balance, shape (4, K)."""
-    out = np.zeros((len(BALANCES), _needed(blocks).count))
+    out = np.zeros((len(BALANCES), needed(blocks).count))
     if all(channel in s.value for channel in NEEDS["throttle"]):
         moved = balances(learned, s.corrected("p_im", (1.0 + UNEQUAL) * s["p_im"]), blocks)
         out[0] = np.abs(moved[0] - balances(learned, s, blocks)[0])
@@ -156,7 +153,8 @@ def further(engine: ThrottledEngine, learned: Knowledge, s: Signals) -> tuple[Ar
     return np.stack([more, less - extra, -extra]), np.stack(inputs)
 
 
-def _needed(blocks: Blocks | None) -> Blocks:
+def needed(blocks: Blocks | None) -> Blocks:
+    """Return the blocks, which a throttled engine cannot do without."""
     if blocks is None:
         raise ValueError("the balances of a throttled engine are drawn up over blocks")
     return blocks

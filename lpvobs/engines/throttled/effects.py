@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from lpvobs.engines.curves import Knowledge, Nodes
+from lpvobs.engines.curves import Nodes
 from lpvobs.engines.effects import (
     ALTITUDE,
     BOOST,
@@ -24,7 +24,7 @@ from lpvobs.engines.effects import (
     reading,
 )
 from lpvobs.engines.healthy import HealthyErrors
-from lpvobs.engines.residual_model import ComponentCurve, DayToDay, ResidualModel, levels_of
+from lpvobs.engines.residual_model import ComponentCurve, ResidualModel, levels_of
 from lpvobs.engines.throttled import balances
 from lpvobs.engines.throttled.balances import BALANCES, LACKS, NEEDS
 from lpvobs.engines.throttled.constants import ThrottledEngine
@@ -97,16 +97,13 @@ def curves(effects: Sequence[Effect]) -> tuple[ComponentCurve, ...]:
     )
 
 
-def throttled_model(
-    engine: ThrottledEngine,
-    learned: Knowledge,
-    healthy: HealthyErrors | None,
-    day: DayToDay,
-    taught: Collection[str] = (),
+def residual_model(
+    config: Any, path: Any, healthy: HealthyErrors | None, taught: Collection[str], _: object
 ) -> ResidualModel:
-    """Return a throttled engine as the loop sees it; `taught` are the digests of the logs that it was learned from."""
+    """Return the engine of a configuration as the loop sees it; `taught` are the digests of the logs that it was learned from."""
     # Its curves are learned, with their covariance; residuals are relative, over blocks, and weighted by what a healthy log
     # leaves.
+    engine, learned = config.engine, path.learned
     imbalances, effects = balances.Imbalances(engine), catalogue(engine)
     nodes = len(learned.names)
     return ResidualModel(
@@ -129,16 +126,9 @@ def throttled_model(
         carriers=("maf.gain", "maf.offset", "eta_vol.factor"),
         curves=curves(effects),
         blocks=True,
-        levels=levels_of(day, BALANCES, "1", effects),
+        levels=levels_of(config.trace, BALANCES, "1", effects),
         by_unknowns=partial(balances.by_curves, engine),
         blur=partial(balances.blur, imbalances),
         beyond=partial(beyond, engine, learned, taught),
         healthy=healthy,
     )
-
-
-def residual_model(
-    config: Any, path: Any, healthy: HealthyErrors | None, taught: Collection[str], _: object
-) -> ResidualModel:
-    """Return the model of a configuration, for an air path that has learned."""
-    return throttled_model(config.engine, path.learned, healthy, config.trace, taught)

@@ -12,8 +12,6 @@ engine says of parts of the logs that it was not learned from gives its errors.
 """
 
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
-from math import prod
 
 import numpy as np
 import scipy
@@ -22,9 +20,9 @@ from numpy.typing import NDArray
 from lpvobs.engines.blocks import Blocks, blocks_of, transience_of
 from lpvobs.engines.curves import Knowledge, LearnedNumber, slopes, surface_roughness
 from lpvobs.engines.effects import Signals
-from lpvobs.engines.healthy import CHUNK, FOLDS, QUANTILES, TAIL, HealthyErrors, parts_of, pooled
+from lpvobs.engines.healthy import CHUNK, FOLDS, QUANTILES, TAIL, HealthyErrors, healthy_errors, parts_of
 from lpvobs.engines.throttled import relations as relation
-from lpvobs.engines.throttled.balances import BALANCES, LACKS, Imbalances, shown
+from lpvobs.engines.throttled.balances import BALANCES, LACKS, Imbalances, needed, shown
 from lpvobs.engines.throttled.constants import ThrottledEngine
 from lpvobs.errors import DataError
 from lpvobs.records import Array, Log
@@ -46,16 +44,6 @@ FIRST_ERROR = 0.05  # relative error of a balance that the first fit assumes
 SHARED = 3.0  # neighbouring blocks that share an error and are not independent
 
 
-@dataclass(frozen=True)
-class _Balance:
-    """One balance over B blocks: sum of curve columns and volumes, both over the flow."""
-
-    columns: Array
-    volumes: Array
-    guess: Array
-    prior: Array
-
-
 def learn(engine: ThrottledEngine, logs: Sequence[Log], use: Sequence[Array] | None = None) -> Knowledge:
     """Return what blocks of healthy logs tell, all or those to `use` (flags per log); raises DataError for too few."""
     parts, transience = [], []
@@ -64,46 +52,47 @@ def learn(engine: ThrottledEngine, logs: Sequence[Log], use: Sequence[Array] | N
         good = blocks.mean(log["W_maf"]) > LEAST_FLOW
         if use is not None:
             good &= use[i].astype(bool)
-        parts.append([(c[good], v[good]) for c, v in _columns(engine, log, blocks)])
+        parts.append([rows[good] for rows in _rows(engine, log, blocks)])
         transience.append(transience_of(blocks, log.channels, MOVING)[good])
-    if sum(each.size for each in transience) < LEAST_BLOCKS:
-        names = ", ".join(log.name for log in logs)
+    fast, names = np.concatenate(transience), tuple(log.name for log in logs)
+    if fast.size < LEAST_BLOCKS:
         raise DataError(
-            f"{names}: fewer than {LEAST_BLOCKS} blocks of {blocks_of(logs[0]).length:g} s have air flow; learning the engine "
-            f"takes several minutes of driving; give a longer healthy log"
+            f"{', '.join(names)}: fewer than {LEAST_BLOCKS} blocks of {blocks_of(logs[0]).length:g} s have air flow; learning the "
+            f"engine takes several minutes of driving; give a longer healthy log"
         )
-    joined = [np.concatenate([part[b][0] for part in parts]) for b in range(3)]
-    volumes = [np.concatenate([part[b][1] for part in parts]) for b in range(3)]
-    balances = [
-        _Balance(columns * guess, volume, guess, prior)
-        for columns, volume, (guess, prior) in zip(joined, volumes, _guesses(engine, joined), strict=True)
-    ]
-    fast = np.concatenate(transience)
-    deviation, covariance = _solve(engine, balances, np.searchsorted(np.quantile(fast, QUANTILES), fast))
+    rows = [np.concatenate(each) for each in zip(*parts, strict=True)]
+    guesses, priors = zip(*_guesses(engine, [each[:, :-2] for each in rows]), strict=True)
+    level = np.searchsorted(np.quantile(fast, QUANTILES), fast)
+    found, covariance = _solve(engine, rows, guesses, priors, level)
+    ends = np.cumsum([guess.size for guess in guesses])
+    *values, volumes = np.split(found, ends)
+    curves = zip(relation.PARTS, values, np.split(np.sqrt(np.diag(covariance)), ends), strict=False)
     calm = CALM * max(float(np.quantile(log["W_maf"], 0.999)) for log in logs)
-    return _learned(engine, balances, deviation, covariance, tuple(log.name for log in logs), calm)
+    numbers = zip(NUMBERS.items(), (*volumes.tolist(), calm), strict=True)
+    return Knowledge(
+        {part.name: part.curve(engine, *each) for part, *each in curves},
+        {name: LearnedNumber(value, *said) for (name, said), value in numbers},
+        covariance,
+        names,
+    )
 
 
-def _columns(engine: ThrottledEngine, log: Log, blocks: Blocks) -> list[tuple[Array, Array]]:
-    """Return for each balance its curve columns and its two volume columns over the flow, for every block."""
+def _rows(engine: ThrottledEngine, log: Log, blocks: Blocks) -> list[Array]:
+    """Return for each balance the columns of its curve and of the two volumes over the flow, (B, nodes + 2)."""
     x = log.channels
-    flow = np.maximum(blocks.mean(x["W_maf"]), LEAST_FLOW)
     RT = engine.air.R_a * blocks.mean(x["T_ic"])
-    ic, im = blocks.rate(x["p_ic"]) / RT, blocks.rate(x["p_im"]) / RT
-    curves = [
-        blocks.sums(part.weights(engine, x), prod(part.shape(engine)), part.per(engine, x)) for part in relation.PARTS
-    ]
-    both = np.stack([ic, im], axis=1) / flow[:, None]
-    volumes = (both * np.array([1.0, 0.0]), both, both)
-    return [(c / flow[:, None], v) for c, v in zip(curves, volumes, strict=True)]
+    both = np.stack([blocks.rate(x["p_ic"]) / RT, blocks.rate(x["p_im"]) / RT], axis=1)
+    curves = [part.columns(engine, x, blocks) for part in relation.PARTS]
+    volumes, flow = (both * np.array([1.0, 0.0]), both, both), np.maximum(blocks.mean(x["W_maf"]), LEAST_FLOW)
+    return [np.hstack(each) / flow[:, None] for each in zip(curves, volumes, strict=True)]
 
 
-def _guesses(engine: ThrottledEngine, joined: Sequence[Array]) -> list[tuple[Array, Array]]:
+def _guesses(engine: ThrottledEngine, curves: Sequence[Array]) -> list[tuple[Array, Array]]:
     """Return for each balance a first guess of its curve, and the rows of what is believed of deviations from it."""
     nodes = engine.curves
-    area = _by_node(joined[0])
-    eta_vol = np.full(joined[1].shape[1], 1.0 / np.median(joined[1].sum(1)))  # one level, which fits best in the median
-    fuel = _injector(np.repeat(nodes.m_f, len(nodes.fuel_n_e)), joined[2])
+    area = _by_node(curves[0])
+    eta_vol = np.full(curves[1].shape[1], 1.0 / np.median(curves[1].sum(1)))  # one level, which fits best in the median
+    fuel = _injector(np.repeat(nodes.m_f, len(nodes.fuel_n_e)), curves[2])
     curvatures = (nodes.curvature, nodes.curvature, nodes.fuel_curvature)
     shapes = [(1, *part.shape(engine))[-2:] for part in relation.PARTS]  # a line has one row
     return [
@@ -135,25 +124,36 @@ def _by_node(columns: Array) -> Array:
     return np.asarray(np.exp(np.interp(np.arange(columns.shape[1]), known, value)))
 
 
-def _solve(engine: ThrottledEngine, balances: Sequence[_Balance], level: NDArray[np.int64]) -> tuple[Array, Array]:
-    """Return relative deviations from the guesses and their covariance."""
+def _solve(
+    engine: ThrottledEngine,
+    rows: Sequence[Array],
+    guesses: Sequence[Array],
+    priors: Sequence[Array],
+    level: NDArray[np.int64],
+) -> tuple[Array, Array]:
+    """Return the values of all nodes and the volumes, and the covariance of their relative deviations."""
     # Least squares with weights for long tails, and a scale of its own for each class of transience, shape (blocks,).
     g = engine.geometry
     volume = np.array([g.V_ic, g.V_im])
-    believed = scipy.linalg.block_diag(*(b.prior for b in balances), np.eye(2) / g.volume_tolerance)
-    blocks, end = [], 0
-    for b in balances:
-        X, begin, end = np.zeros((b.columns.shape[0], believed.shape[1])), end, end + b.guess.size
-        X[:, begin:end], X[:, -2:] = b.columns, b.volumes * volume
-        blocks.append((X, 1.0 - b.columns.sum(1) - b.volumes @ volume))
+    start, end = np.concatenate([*guesses, volume]), 0
+    balances = []
+    for own, guess in zip(rows, guesses, strict=True):
+        X, begin, end = np.zeros((len(own), start.size)), end, end + guess.size
+        X[:, begin:end], X[:, -2:] = own[:, :-2] * guess, own[:, -2:] * volume
+        balances.append((X, 1.0 - X[:, begin:end].sum(1) - own[:, -2:] @ volume))
+    believed = scipy.linalg.block_diag(*priors, np.eye(2) / g.volume_tolerance)
     normal_prior = believed.T @ believed
-    weights = [np.full(y.size, 1.0 / FIRST_ERROR**2) for _, y in blocks]
+    weights = [np.full(y.size, 1.0 / FIRST_ERROR**2) for _, y in balances]
     for _ in range(PASSES):
-        normal = normal_prior + sum((X * w[:, None]).T @ X for (X, _), w in zip(blocks, weights, strict=True)) / SHARED
-        right = sum((X * w[:, None]).T @ y for (X, y), w in zip(blocks, weights, strict=True)) / SHARED
+        normal = (
+            normal_prior + sum((X * w[:, None]).T @ X for (X, _), w in zip(balances, weights, strict=True)) / SHARED
+        )
+        right = sum((X * w[:, None]).T @ y for (X, y), w in zip(balances, weights, strict=True)) / SHARED
         deviation = np.linalg.solve(normal, right)
-        weights = [_robust(y - X @ deviation, level) for X, y in blocks]
-    return np.asarray(deviation), np.asarray(np.linalg.inv(normal), dtype=float)
+        weights = [_robust(y - X @ deviation, level) for X, y in balances]
+    found = start * np.maximum(1.0 + deviation, 0.05)
+    now = found / start
+    return found, np.linalg.inv(normal) / np.outer(now, now)
 
 
 def _robust(residual: Array, level: NDArray[np.int64]) -> Array:
@@ -162,31 +162,6 @@ def _robust(residual: Array, level: NDArray[np.int64]) -> Array:
     medians = np.array([np.median(each) if each.size else 0.0 for each in classes])
     scale = np.maximum(1.48 * medians, 1e-4)[level]
     return np.asarray((TAIL + 1.0) / (TAIL + (residual / scale) ** 2) / scale**2)
-
-
-def _learned(
-    engine: ThrottledEngine,
-    balances: Sequence[_Balance],
-    deviation: Array,
-    covariance: Array,
-    sources: tuple[str, ...],
-    calm_flow: float,
-) -> Knowledge:
-    g = engine.geometry
-    guesses = np.concatenate([*(b.guess for b in balances), [g.V_ic, g.V_im]])
-    found = guesses * np.maximum(1.0 + deviation, 0.05)
-    now, ends = found / guesses, np.cumsum([b.guess.size for b in balances])
-    covariance = covariance / np.outer(now, now)
-    *values, volumes = np.split(found, ends)
-    spread = np.split(np.sqrt(np.diag(covariance)), ends)[:-1]
-    parts = zip(relation.PARTS, values, spread, strict=True)
-    numbers = zip(NUMBERS.items(), (*volumes.tolist(), calm_flow), strict=True)
-    return Knowledge(
-        {part.name: part.curve(engine, *each) for part, *each in parts},
-        {name: LearnedNumber(value, *said) for (name, said), value in numbers},
-        covariance,
-        sources,
-    )
 
 
 def without_each_part(engine: ThrottledEngine, logs: Sequence[Log], i: int) -> Iterator[tuple[Knowledge, int]]:
@@ -209,7 +184,7 @@ def errors_of(engine: ThrottledEngine, logs: Sequence[Log]) -> HealthyErrors:
             residual[:, out] = balances(learned, signals, blocks)[:, out]
         fast = transience_of(blocks, log.channels, MOVING)
         parts.append((residual, shown(whole, signals, blocks), fast, blocks.time // CHUNK))
-    return pooled(parts)
+    return healthy_errors(parts)
 
 
 def beyond(
@@ -221,19 +196,16 @@ def beyond(
     blocks: Blocks | None,
 ) -> Array:
     """Return what the engine learned without each part in turn says beyond the whole, on logs that taught it, shape (4, K)."""
-    if blocks is None:
-        raise ValueError("the balances of a throttled engine are drawn up over blocks")
+    blocks = needed(blocks)
     out, balances = np.zeros((len(BALANCES), blocks.count)), Imbalances(engine)
     own = [log for log in logs if log.sha256 in taught]
     middle = blocks.time + s.clock[0]
-    begins: NDArray[np.float64] = np.unique(s.clock - s.time)
+    begins: Array = np.unique(s.clock - s.time)
     number = np.searchsorted(begins, middle, side="right") - 1
+    part_of, whole = parts_of(middle - begins[number]), balances(learned, s, blocks)
     for i, log in enumerate(own):
-        here = number == list(logs).index(log)
-        part_of = parts_of(middle - begins[number])
-        whole = balances(learned, s, blocks)
         for other, part in without_each_part(engine, own, i):
-            on = here & (part_of == part)
+            on = (number == list(logs).index(log)) & (part_of == part)
             out[:, on] = (balances(other, s, blocks) - whole)[:, on]
     return out
 

@@ -9,7 +9,7 @@ Departure from the paper: another engine; the curves are not configured but lear
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -48,6 +48,7 @@ class Throttled(AirPath):
     rate_names = ("a_ic", "a_im")
     balance_names = BALANCES
     smoothed = ("p_ic", "p_im")
+    usual_tolerance: ClassVar[Mapping[str, float]] = dict.fromkeys(CONSTANTS, LEVEL_TOLERANCE)
     axes = (MapAxis("m_f", "1", "fuel per stroke as logged"), SPEED_AXIS)
     channels = channels("throttled")
 
@@ -76,8 +77,7 @@ class Throttled(AirPath):
 
     def engine_constants(self) -> Mapping[str, float]:
         """Return every scalar of the configured engine by name; what is learned is no part of it."""
-        air, geometry = self.engine.air, self.engine.geometry
-        return {**vars(air), **vars(geometry)}
+        return {**vars(self.engine.air), **vars(self.engine.geometry)}
 
     def rate_bounds(self, temperatures: Mapping[str, tuple[float, float]]) -> Mapping[str, tuple[float, float]]:
         """Return the ranges of a_ic = R_a T_ic / V_ic and a_im = R_a T_ic / V_im [J/(kg m^3)]."""
@@ -124,11 +124,6 @@ class Throttled(AirPath):
         flow = relation.THROTTLE.flow(self.engine, self._known(), log.channels)
         return np.stack([log["p_ic"], log["p_im"], flow], axis=1)
 
-    @property
-    def usual_tolerance(self) -> Mapping[str, float]:
-        """Return how well level of curves and volumes are known of which the configuration says nothing."""
-        return dict.fromkeys(CONSTANTS, LEVEL_TOLERANCE)
-
     def caution(self, log: Log, noise: Mapping[str, Array], spread: float, learned: bool = False) -> Caution:
         """Return full trust in throttle and filling, and next to none in the fuel, which is no measure of air where it is rich."""
         trust = np.ones((len(BALANCES), len(log)))
@@ -144,16 +139,14 @@ class Throttled(AirPath):
         learned, x = self._known(), log.channels
         RT = self.engine.air.R_a * x["T_ic"]
         in_ic, in_im = learned["V_ic"] * rates["p_ic"] / RT, learned["V_im"] * rates["p_im"] / RT
-        zero = np.zeros(len(log))
         own = [part.flow(self.engine, learned, x) for part in relation.PARTS]
         stored = (in_ic, in_ic + in_im, in_ic + in_im)
         flow = np.stack([through + kept for through, kept in zip(own, stored, strict=True)])
         slope = np.zeros((len(BALANCES), len(uncertain), len(log)))
         for b, through in enumerate(own):
-            by_name = dict.fromkeys(CONSTANTS, zero) | {CONSTANTS[b]: through, "V_ic": in_ic}
-            by_name["V_im"] = in_im if b > 0 else zero
+            owed = {CONSTANTS[b]: through, "V_ic": in_ic, "V_im": in_im if b > 0 else 0.0}
             for i, name in enumerate(uncertain):
-                slope[b, i] = by_name[name]
+                slope[b, i] = owed.get(name, 0.0)
         return Balances(BALANCES, flow, slope)
 
     def _known(self) -> Knowledge:
@@ -169,9 +162,10 @@ def _stacked(rows: list[list[Any]]) -> Array:
     return np.ascontiguousarray(np.moveaxis(np.array(rows, dtype=float), -1, 0))
 
 
-def in_c(engine: ThrottledEngine, learned: Knowledge) -> dict[str, float | Array]:
+def in_c(path: Throttled) -> dict[str, float | Array]:
     """Return the numbers that `model.c` reads: what is configured, nodes of the curves, and the curves."""
-    configured = {**vars(engine.air), **vars(engine.geometry)}
+    engine, learned = path.engine, path._known()
     nodes = {name: np.array(getattr(engine.curves, name)) for name in ("alpha_th", "n_e", "p_im")}
     area, eta_vol = (learned.curves[part.name].values.reshape(-1) for part in (relation.THROTTLE, relation.FILLING))
-    return configured | nodes | {"area": area, "eta_vol": eta_vol, "V_ic": learned["V_ic"], "V_im": learned["V_im"]}
+    volumes = {name: learned[name] for name in ("V_ic", "V_im")}
+    return {**path.engine_constants(), **nodes, **volumes, "area": area, "eta_vol": eta_vol}

@@ -6,9 +6,11 @@ healthy log.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from math import prod
 
 import numpy as np
 
+from lpvobs.engines.blocks import Blocks
 from lpvobs.engines.curves import Knowledge, LearnedCurve, Nodes, Weights, on_line, on_surface, values_at
 from lpvobs.engines.throttled.constants import ThrottledEngine
 from lpvobs.records import Array
@@ -57,9 +59,7 @@ class LearnedPart:
 
     name: str
     said: tuple[str, str, str]  # name, unit and meaning of the curve's values
-    axes: Mapping[
-        str, str
-    ]  # channels that are the curve's inputs, each with the key of `[engine.curves]` that has its nodes
+    axes: Mapping[str, str]  # channels that are its inputs, each with the key of `[engine.curves]` that has its nodes
     per: Callable[[ThrottledEngine, Channels], Array]  # the flow per unit of the curve, shape (n,)
 
     def nodes(self, engine: ThrottledEngine) -> list[Array]:
@@ -78,6 +78,10 @@ class LearnedPart:
     def flow(self, engine: ThrottledEngine, learned: Knowledge, x: Channels) -> Array:
         """Return the flow [kg/s], shape (n,)."""
         return values_at(self.weights(engine, x), learned.curves[self.name].values) * self.per(engine, x)
+
+    def columns(self, engine: ThrottledEngine, x: Channels, blocks: Blocks) -> Array:
+        """Return the mean flow over each of B blocks per value of the curve at each node, shape (B, nodes)."""
+        return blocks.sums(self.weights(engine, x), prod(self.shape(engine)), self.per(engine, x))
 
     def curve(self, engine: ThrottledEngine, values: Array, spread: Array) -> LearnedCurve:
         """Return the curve with these values at its nodes and their relative standard errors, each of shape (nodes,)."""
