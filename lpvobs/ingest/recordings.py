@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
 from lpvobs.errors import DataError
 from lpvobs.io.arrow import pa, pc
@@ -33,7 +33,6 @@ class Head:
     name: str  # without the unit
     unit: str  # as the file says it; empty where it does not
     size: int = -1  # samples; -1 where the file does not say before it is read
-    place: Any = None  # where the process that reads the file finds it again
 
 
 @dataclass(frozen=True)
