@@ -28,7 +28,7 @@ class Clock:
 
     column: str
     unit: str
-    found: repairs.Stamps
+    time: Array  # [s], NaN where it has none
     reason: str
 
 
@@ -114,7 +114,7 @@ def _worth_reading(recording: recordings.ForeignRecording, kind: str, own: Mappi
 
 def _numbers(column: recordings.Column, rules: profiles.SourceRules) -> Array:
     try:
-        return recordings.as_numbers(column.data, rules.decimal).values
+        return recordings.as_numbers(column.data, rules.decimal)[0]
     except ValueError:
         return np.empty(0)
 
@@ -125,13 +125,13 @@ def _clock(name: str, head: recordings.Head, column: recordings.Column, rules: p
         return None
     for unit in dict.fromkeys((head.unit, "s", "clock", "datetime")):
         try:
-            found = repairs.stamps(column.data, unit, rules.decimal)
+            stamps, _ = repairs.stamps(column.data, unit, rules.decimal)
         except ValueError:
             continue
-        time = found.time[np.isfinite(found.time)]
-        if time.size > 1 and time.size > 0.9 * found.time.size and np.mean(np.diff(time) > 0) > 0.9:
+        time = stamps[np.isfinite(stamps)]
+        if time.size > 1 and time.size > 0.9 * stamps.size and np.mean(np.diff(time) > 0) > 0.9:
             said = unit if unit in (head.unit, "clock", "datetime") else ""
-            return Clock(name, said, found, f"the column is named '{head.name}', and its values increase")
+            return Clock(name, said, stamps, f"the column is named '{head.name}', and its values increase")
     return None
 
 
@@ -160,14 +160,14 @@ def _rate(seen: Clues, sure: Mapping[str, Guess]) -> float:
     """Return the rate of the log [Hz]: that of the fastest channel, twice that of the polling, zero where none is known."""
     steps = [seen.steps[name] for name in sure if name in seen.steps]
     if seen.rules.polled:
-        steps = [median_step(seen.clocks[0].found.time) * (len(seen.recording.heads) - 1) / 2]
+        steps = [median_step(seen.clocks[0].time) * (len(seen.recording.heads) - 1) / 2]
     elif seen.clocks:
-        steps = [median_step(clock.found.time) for clock in seen.clocks if clock.unit or seen.rules.format == "mat"]
+        steps = [median_step(clock.time) for clock in seen.clocks if clock.unit or seen.rules.format == "mat"]
     return 1.0 / min((step for step in steps if step > 0), default=np.inf)
 
 
 def _step(clock: Clock) -> str:
-    return f"{median_step(clock.found.time):.4g}"
+    return f"{median_step(clock.time):.4g}"
 
 
 def _text(value: str) -> str:
