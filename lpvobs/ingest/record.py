@@ -68,19 +68,6 @@ class ChannelDone:
 
 
 @dataclass(frozen=True)
-class Done:
-    """What was done to make a log; `missing` are the optional channels that no source has."""
-
-    schema: str
-    description: str
-    sources: list[SourceDone]
-    time: TimeDone
-    raster: RasterDone
-    channels: Mapping[str, ChannelDone]
-    missing: list[str]
-
-
-@dataclass(frozen=True)
 class ProfileDone:
     """The profile that it was done by."""
 
@@ -90,9 +77,16 @@ class ProfileDone:
 
 
 @dataclass(frozen=True)
-class IngestRecord(Done):
-    """The same with the profile, as it stands in the log."""
+class IngestRecord:
+    """What was done to make a log; `missing` are the optional channels that no source has."""
 
+    schema: str
+    description: str
+    sources: list[SourceDone]
+    time: TimeDone
+    raster: RasterDone
+    channels: Mapping[str, ChannelDone]
+    missing: list[str]
     profile: ProfileDone
 
 

@@ -170,7 +170,7 @@ class Source:
         keep = np.isfinite(time)
         if source.polled:
             mine, late = self._in_turn(full, clock, raw)
-            keep, repairs = keep & mine, {"out_of_turn": late} | repairs
+            keep, repairs = keep & mine, {"out_of_turn": late, **repairs}
         raw = raw[keep]
         unit = canonical(rules.source_unit or file_unit)
         if not unit:
