@@ -134,7 +134,7 @@ def shipped() -> dict[str, Path]:
 
 
 def load_profile(name: str) -> tuple[Profile, ProfileDone]:
-    """Return a shipped profile by its name, or one by the path of its file, and what a log keeps of it; raises UsageError for none."""
+    """Return a shipped profile by name, or one by its path, and what a log keeps of it; raises UsageError for none."""
     known = shipped()
     path = known.get(name, Path(name))
     if name not in known and path.suffix != ".toml" and not path.exists():

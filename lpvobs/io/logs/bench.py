@@ -80,10 +80,9 @@ def _read(path: Path, air_path: base.AirPath) -> dict[str, Array]:
 
 def from_parquet(path: Path, names: Sequence[str]) -> "pa.Table":
     """Return those of the named columns that are there, units in the metadata."""
-    metadata = metadata_of(path)
-    there = schema_of(path, metadata).names
-    refuse_huge(path, metadata.num_rows, len(names))
-    (table,) = tables_of(path, [name for name in names if name in there], max(metadata.num_rows, 1))
+    there, rows = schema_of(path).names, metadata_of(path).num_rows
+    refuse_huge(path, rows, len(names))
+    (table,) = tables_of(path, [name for name in names if name in there], max(rows, 1))
     return table
 
 
