@@ -17,7 +17,7 @@ from lpvobs.engines.unknowns import TABLE_FLOW, Unknowns, unknowns_of
 from lpvobs.errors import UsageError
 from lpvobs.io.calibration.component_maps import named_file, read_component_map
 from lpvobs.io.configuration.config import Config, load_config
-from lpvobs.io.logs.bench import BenchPoints, read_bench
+from lpvobs.io.logs.bench import read_bench
 from lpvobs.io.logs.finding import find_logs
 from lpvobs.io.logs.reading import read_log
 from lpvobs.io.results.engines import ComponentPoint, EngineRow, StoredEngine, read_engine, write_engine
@@ -120,10 +120,9 @@ def _calibrated(
     told = {name: config.estimate.tolerance.get(name, USUAL_TOLERANCE) for name in own}
     stored = _as_configured(air_path, unknowns_of({**settings.tolerance, **told}, air_path.components), text)
     if tables or parts:
-        points = read_bench(tables, air_path) if tables else BenchPoints({}, {})
-        measured = [bench_table(air_path, points.columns)] if tables else []
+        measured = [bench_table(air_path, read_bench(tables, air_path))] if tables else []
         measured += [read_component_map(*part, air_path) for part in parts]
-        digests = {**points.digests, **{path.name: file_digest(path) for _, path, _ in parts}}
+        digests = {path.name: file_digest(path) for path in [*tables, *(path for _, path, _ in parts)]}
         stored = _with_tables(replace(stored, provenance=Provenance(digests, text)), air_path, measured)
     if known or metered:
         progress(FROM_BENCH)

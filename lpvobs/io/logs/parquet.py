@@ -1,6 +1,6 @@
 """Parquet logs: their own description, checked before memory is allocated; reading channels in SI; writing a log."""
 
-import os
+import io
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -9,13 +9,11 @@ import numpy as np
 
 from lpvobs.errors import DataError
 from lpvobs.io.arrow import pa, pc, pq
-from lpvobs.io.logs.remote import end_of, footer_of, parquet_file
+from lpvobs.io.logs.remote import footer_of, parquet_file
 from lpvobs.io.logs.units import convert
 from lpvobs.io.safety.atomic import replacing
 from lpvobs.records import Array
 
-MOST_FOOTER = 64 * 2**20
-"""[bytes] of a Parquet file's own description; a log of a hundred channels and a thousand hours has less."""
 MOST_COLUMNS = 10_000
 MOST_READINGS = 50_000_000
 """Rows times channels that are held in memory at once; a small file can claim any number of rows."""
@@ -28,15 +26,7 @@ def metadata_of(path: Path) -> "pq.FileMetaData":
     if not path.is_file():
         raise DataError(f"{path}: no such log; name a Parquet file")
     try:
-        with end_of(path) as stream:
-            stream.seek(-min(8, path.stat().st_size), os.SEEK_END)
-            length = int.from_bytes(stream.read(4), "little")
-        if MOST_FOOTER < length < path.stat().st_size:
-            raise DataError(
-                f"{path}: the metadata of the file have {length} bytes, expected at most {MOST_FOOTER}; "
-                f"export fewer channels or larger row groups"
-            )
-        return pq.read_metadata(footer_of(path))
+        return pq.read_metadata(io.BytesIO(footer_of(path)))
     except (pa.ArrowException, OSError, ValueError) as error:
         raise unreadable(path, error) from None
 
