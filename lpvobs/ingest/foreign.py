@@ -1,7 +1,7 @@
 """Foreign recordings, of whatever format, to a log: names, units, stamps and raster, with every repair counted."""
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,14 +11,13 @@ import numpy as np
 from lpvobs.errors import DataError
 from lpvobs.ingest import profiles, recordings, resample
 from lpvobs.ingest.record import SCHEMA, ChannelDone, IngestRecord, ProfileDone, RasterDone, TimeDone
-from lpvobs.ingest.recording_apart import open_mat, open_mdf
+from lpvobs.ingest.recording_apart import MDF_MAGIC, open_mat, open_mdf
 from lpvobs.ingest.recording_table import open_csv, open_parquet
 from lpvobs.ingest.recordings import ForeignRecording, find, nearest
 from lpvobs.ingest.repairs import MOST_BACKWARD, RecordedSamples, Source, forward
 from lpvobs.records import Array
 
-Opener = Callable[[Path, profiles.SourceRules], ForeignRecording]
-OPENERS: Mapping[str, Opener] = {"csv": open_csv, "parquet": open_parquet, "mat": open_mat, "mdf": open_mdf}
+OPENERS = {"csv": open_csv, "parquet": open_parquet, "mat": open_mat, "mdf": open_mdf}
 NAMELESS = ProfileDone("", "")
 
 
@@ -143,7 +142,7 @@ def sniff(path: Path) -> str:
         first = stream.read(8)
     if first[:4] == b"PAR1":
         return "parquet"
-    if first[:8] in (b"MDF     ", b"UnFinMF "):
+    if first[:8] in MDF_MAGIC:
         return "mdf"
     if first[:6] == b"MATLAB" or first[:8] == b"\x89HDF\r\n\x1a\n":
         return "mat"

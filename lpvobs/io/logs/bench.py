@@ -47,23 +47,21 @@ def read_bench(paths: Sequence[Path], air_path: base.AirPath) -> dict[str, Array
     return columns
 
 
-def _wanted(air_path: base.AirPath) -> tuple[dict[str, str], dict[str, str]]:
-    """Return the units of the columns that a table needs, and of those that it may have."""
-    needed = {n: item.unit for n, item in air_path.channels.items() if n != air_path.sensor and item.one_of is None}
-    further = {n: item.unit for n, item in air_path.channels.items() if item.one_of is not None}
-    parts = {part.column: "kg/s" for part in air_path.measured_parts}
-    return needed | {REFERENCE: "kg/s"}, {DEVIATION: "kg/s", FUEL: "kg/s", LAMBDA: "1"} | parts | further
-
-
 def _read(path: Path, air_path: base.AirPath) -> dict[str, Array]:
-    needed, optional = _wanted(air_path)
+    every = air_path.channels
+    needed = {name: item.unit for name, item in every.items() if name != air_path.sensor and item.one_of is None}
+    needed |= {REFERENCE: "kg/s"}
+    optional = {DEVIATION: "kg/s", FUEL: "kg/s", LAMBDA: "1"} | {
+        part.column: "kg/s" for part in air_path.measured_parts
+    }
+    optional |= {name: item.unit for name, item in every.items() if item.one_of is not None}
     found = from_csv(path) if path.suffix.lower() == ".csv" else from_parquet(path, [*needed, *optional])
     for name, unit in needed.items():
         expect(path, found.schema, name, unit)
     wanted = {name: unit for name, unit in {**needed, **optional}.items() if name in found.column_names}
     table = {name: column_of(path, found, name, unit) for name, unit in wanted.items()}
     for name, values in table.items():
-        _refuse_impossible(path, name, values, air_path.channels.get(name))
+        _refuse_impossible(path, name, values, every.get(name))
     error = table.setdefault(DEVIATION, METER * np.abs(table[REFERENCE]))
     if not (error > 0.0).all():
         raise DataError(

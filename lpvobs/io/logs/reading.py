@@ -20,7 +20,7 @@ from lpvobs.io.arrow import pa
 from lpvobs.io.logs import parquet, plausibility
 from lpvobs.io.logs.policies import LogPolicies, together
 from lpvobs.io.logs.remote import log_digest
-from lpvobs.io.safety.atomic import refuse_changed, state_of
+from lpvobs.io.safety.atomic import state_of
 from lpvobs.records import Array, Defects, Log, Piece
 
 SLAB = 1 << 19  # rows that are held in memory at a time
@@ -87,7 +87,10 @@ class LogFile:
                 )
         self._refuse_poor()
         _ = self.sha256  # before the last look at the file, so that it is that of the bytes that were read
-        refuse_changed(self.path, self._state)
+        if state_of(self.path) != self._state:
+            raise DataError(
+                f"{self.path}: the file changed while it was read, expected a finished file; wait until the recording has ended"
+            )
 
     def _usable_rows(self, time: Array, values: Mapping[str, Array]) -> NDArray[np.int64]:
         try:
