@@ -12,7 +12,6 @@ from lpvobs.io.arrow import pa, pq
 
 SCHEMA = "lpvobs/ingest/1"
 KEY = "lpvobs.ingest"
-Repairs = Mapping[str, int | str]  # what was repaired: how many samples, or how
 
 
 @dataclass(frozen=True)
@@ -58,7 +57,7 @@ class ChannelDone:
     unit: str
     meaning: str
     samples: int
-    repairs: Repairs
+    repairs: Mapping[str, int | str]  # what was repaired: in how many samples, or how
     rate: float | None = None
     rule: str = ""
     rule_from: str = ""
