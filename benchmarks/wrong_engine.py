@@ -78,7 +78,7 @@ def right_drives() -> list[Channels]:
     """Return drives of engines within the tolerance."""
     config, rng, drives = configuration(), np.random.default_rng(SEED), []
     surfaces = [
-        load_effects(CONFIG.parent / "surfaces" / f"{name}.toml")[0].surface for name in ("default", "zero", "king")
+        load_effects(CONFIG.parent / "surfaces" / f"{name}.toml").surface for name in ("default", "zero", "king")
     ]
     assert config.simulation is not None
     for i in range(RIGHT):

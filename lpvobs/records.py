@@ -110,8 +110,3 @@ class Log:
         begins = np.zeros(len(self), dtype=bool)
         begins[[start for start, _ in self.segments]] = True
         yield Piece(self.time, self.channels, begins)
-
-    def each_segment(self) -> Iterator[slice]:
-        """Yield the segments as slices."""
-        for start, stop in self.segments:
-            yield slice(start, stop)

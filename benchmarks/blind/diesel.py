@@ -132,7 +132,7 @@ def _drive(case: Case, piece: Piece, seed: int, path: Path, effects: list[Drawn]
         cycle, toml = Path(scratch) / "cycle.csv", Path(scratch) / "effects.toml"
         _cut(piece, cycle)
         toml.write_text(_toml(effects), encoding="utf-8")
-        known, _ = load_effects(toml)
+        known = load_effects(toml)
         log = simulate(
             altered(config.engine, constants),
             parameters,

@@ -117,11 +117,9 @@ def _calibrated(
     digests: dict[str, str] = {}
     stored = _engine(air_path, unknowns_of({**settings.tolerance, **told}, air_path.components), Provenance({}, text))
     if tables or parts:
-        measured = [read_component_map(*part, air_path) for part in parts]
-        if tables:
-            points = read_bench(tables, air_path)
-            measured, digests = [bench_table(air_path, points.columns), *measured], dict(points.digests)
-        digests |= {path.name: file_digest(path) for _, path, _ in parts}
+        measured = [bench_table(air_path, read_bench(tables, air_path))] if tables else []
+        measured += [read_component_map(*part, air_path) for part in parts]
+        digests = {path.name: file_digest(path) for path in [*tables, *(path for _, path, _ in parts)]}
         by_tables = calibrated(air_path, stored.unknowns, measured)
         stored = replace(
             stored,

@@ -248,4 +248,4 @@ def metrics_of(air_path: AirPath, estimate: MapEstimate, path: Path, log: Log) -
     if references is None:
         return None
     fuel, speed = air_path.axes
-    return compare(estimate.grid, estimate.theta, log[fuel.channel], log[speed.channel], references.delta_W_c)
+    return compare(estimate.grid, estimate.theta, log[fuel.channel], log[speed.channel], references["ref_delta_W_c"])

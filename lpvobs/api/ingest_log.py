@@ -1,6 +1,5 @@
 """`ingest`: foreign recordings of one drive to a log that says what was done to it; `profile`: what one seems to be."""
 
-import hashlib
 import json
 from dataclasses import dataclass
 from typing import Any
@@ -32,13 +31,11 @@ def ingest_log(
     """
     paths, origin = some(sources, "recording"), finding.own_origin(vehicle, date, "")
     with writing(out, [*paths, profile]) as target:
-        rules, name, text = profiles.load_profile(str(profile))
+        rules, by = profiles.load_profile(str(profile))
         with np.errstate(over="ignore", invalid="ignore"):  # what overflows is no value
-            made = foreign.ingest(paths, rules)
-        digest = hashlib.sha256(text.encode()).hexdigest()
-        record = dict(made.record) | {"profile": {"name": name, "sha256": digest, "text": text}}
-        parquet.write_log(target, made.channels, made.units, {KEY: json.dumps(record)} | origin)
-    return record
+            made = foreign.ingest(paths, rules, by)
+        parquet.write_log(target, made.channels, made.units, {KEY: json.dumps(made.record)} | origin)
+    return dict(made.record)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -64,7 +64,7 @@ def simulate(
     with writing(out, [config, cycle, effects, engine]) as target:
         configuration, plant = plant_of(config, engine)
         origin = finding.own_origin(vehicle, date, configuration.air_path)
-        wanted = Effects() if effects is None else load_effects(as_path(effects))[0]
+        wanted = Effects() if effects is None else load_effects(as_path(effects))
         log = plant.run(
             configuration.engine, configuration.simulation, cycle, rate, seed, wanted.surface, shown(progress),
             effects=wanted.injected, auxiliary=wanted.auxiliary, sensors=configuration.sensors,

@@ -147,7 +147,7 @@ def _behind_sensor(refined: Refined, log: Log, seen: Observed) -> Observed:
     reading = log[refined.air_path.sensor]
     flows = reading - seen.z
     z, fuel, speed = np.empty_like(flows), *(np.empty_like(x) for x in seen.point)
-    for part in log.each_segment():
+    for part in (slice(*segment) for segment in log.segments):
         for row, flow in zip(z, flows, strict=True):
             row[part] = _innovations(log.time[part], reading[part], flow[part], tau[part], correction)
         for late, signal in zip((fuel, speed), seen.point, strict=True):

@@ -1,7 +1,7 @@
 """Foreign recordings, of whatever format, to a log: names, units, stamps and raster, with every repair counted."""
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -10,15 +10,15 @@ import numpy as np
 
 from lpvobs.errors import DataError
 from lpvobs.ingest import profiles, recordings, resample
-from lpvobs.ingest.record import SCHEMA, ChannelDone, Done, RasterDone, TimeDone
-from lpvobs.ingest.recording_apart import open_mat, open_mdf
+from lpvobs.ingest.record import SCHEMA, ChannelDone, IngestRecord, ProfileDone, RasterDone, TimeDone
+from lpvobs.ingest.recording_apart import MDF_MAGIC, open_mat, open_mdf
 from lpvobs.ingest.recording_table import open_csv, open_parquet
 from lpvobs.ingest.recordings import ForeignRecording, find, nearest
 from lpvobs.ingest.repairs import MOST_BACKWARD, RecordedSamples, Source, forward
 from lpvobs.records import Array
 
-Opener = Callable[[Path, profiles.SourceRules], ForeignRecording]
-OPENERS: Mapping[str, Opener] = {"csv": open_csv, "parquet": open_parquet, "mat": open_mat, "mdf": open_mdf}
+OPENERS = {"csv": open_csv, "parquet": open_parquet, "mat": open_mat, "mdf": open_mdf}
+NAMELESS = ProfileDone("", "")
 
 
 @dataclass(frozen=True)
@@ -27,10 +27,10 @@ class Ingested:
 
     channels: Mapping[str, Array]  # (M,) `time` first
     units: Mapping[str, str]
-    record: Mapping[str, Any]  # a `Done` as plain data; stored with the log
+    record: Mapping[str, Any]  # an `IngestRecord` as plain data; stored with the log
 
 
-def ingest(sources: Sequence[Path], profile: profiles.Profile) -> Ingested:
+def ingest(sources: Sequence[Path], profile: profiles.Profile, by: ProfileDone = NAMELESS) -> Ingested:
     """Return the log in foreign files of one drive and one clock: different channels, consecutive parts, or both.
 
     Raises DataError if a file cannot be read, a channel is missing, ambiguous or has no usable unit, or time runs backward.
@@ -58,7 +58,7 @@ def ingest(sources: Sequence[Path], profile: profiles.Profile) -> Ingested:
         said = f"{name} = {item.formula}" + "".join(f", {key} = {text}" for key, text in item.constants.items())
         unit = item.unit
         channels[name] = ChannelDone("", said, unit, unit, unit, item.meaning, count, {}, rule="computed")
-    done = Done(
+    record = IngestRecord(
         schema=SCHEMA,
         description=profile.description,
         sources=[source.done for source in read],
@@ -66,12 +66,13 @@ def ingest(sources: Sequence[Path], profile: profiles.Profile) -> Ingested:
         raster=RasterDone(profile.raster.rate, profile.raster.gap, time.size),
         channels=channels,
         missing=[name for name in profile.channels if name not in samples],
+        profile=by,
     )
-    return Ingested({"time": time} | values, units, asdict(done))
+    return Ingested({"time": time} | values, units, asdict(record))
 
 
 def _find_all(sources: Sequence[ForeignRecording], profile: profiles.Profile) -> list[dict[str, str]]:
-    """Return for each source under which full names it has which channels."""
+    """Return for each source under which full names it has which channels; raises for a column that two are read from."""
     found: list[dict[str, str]] = [{} for _ in sources]
     for name, rules in profile.channels.items():
         for recording, names in zip(sources, found, strict=True):
@@ -86,23 +87,18 @@ def _find_all(sources: Sequence[ForeignRecording], profile: profiles.Profile) ->
                 "optional = true"
             )
     for recording, names in zip(sources, found, strict=True):
-        _refuse_twice(recording.path, names)
+        by_column: dict[str, str] = {}
+        for name, full in names.items():
+            if (other := by_column.setdefault(full, name)) != name:
+                raise DataError(
+                    f"{recording.path}: column '{full}' is used twice, for channel '{other}' and for '{name}', expected once; "
+                    "take one channel out of the profile, or compute it from the other one in [computed]"
+                )
     if not any(found):
         raise DataError(
             f"{sources[0].path}: has no channel of the profile; {nearest(sources[0].heads, [])}; correct the names in the profile"
         )
     return found
-
-
-def _refuse_twice(path: Path, names: Mapping[str, str]) -> None:
-    """Raise for a column that two channels are read from."""
-    by_column: dict[str, str] = {}
-    for name, full in names.items():
-        if (other := by_column.setdefault(full, name)) != name:
-            raise DataError(
-                f"{path}: column '{full}' is used twice, for channel '{other}' and for '{name}', expected once; "
-                f"take one channel out of the profile, or compute it from the other one in [computed]"
-            )
 
 
 def _joined(name: str, parts: Sequence[RecordedSamples], profile: profiles.Profile) -> RecordedSamples:
@@ -146,7 +142,7 @@ def sniff(path: Path) -> str:
         first = stream.read(8)
     if first[:4] == b"PAR1":
         return "parquet"
-    if first[:8] in (b"MDF     ", b"UnFinMF "):
+    if first[:8] in MDF_MAGIC:
         return "mdf"
     if first[:6] == b"MATLAB" or first[:8] == b"\x89HDF\r\n\x1a\n":
         return "mat"

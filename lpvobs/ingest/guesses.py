@@ -93,20 +93,21 @@ def guess(
     if finite.size == 0:
         return Guess(channel, column, False, bool(head.unit), head.unit, (*reasons, "but the column has no numbers"))
     middle = float(np.median(finite))
-    if head.unit and not _readable(head.unit):
+    if not head.unit:
+        fitting = [unit for unit in known.units if _typical(known, middle, unit)]
+        usual = " or ".join(fitting) or "none of the known units"
+        reasons.append(f"no unit in the file; the median {middle:.4g} is usual in {usual}")
+        found = fitting[0] if len(fitting) == 1 else ""
+        return Guess(channel, column, strong and bool(fitting), False, found, tuple(reasons))
+    try:
+        unit_of(head.unit)
+    except ValueError:
         return Guess(channel, column, False, False, "", (*reasons, f"but lpvobs does not know the unit '{head.unit}'"))
-    if head.unit:
-        typical = _typical(known, middle, head.unit)
-        if typical is None:
-            return None
-        reasons.append(f"unit {canonical(head.unit)}")
-        reasons.append(f"median {middle:.4g}, {'as usual' if typical else 'which is unusual'}")
-        return Guess(channel, column, strong and typical, True, head.unit, tuple(reasons))
-    fitting = [unit for unit in known.units if _typical(known, middle, unit)]
-    found = fitting[0] if len(fitting) == 1 else ""
-    usual = " or ".join(fitting) or "none of the known units"
-    reasons.append(f"no unit in the file; the median {middle:.4g} is usual in {usual}")
-    return Guess(channel, column, strong and bool(fitting), False, found, tuple(reasons))
+    typical = _typical(known, middle, head.unit)
+    if typical is None:
+        return None
+    reasons += [f"unit {canonical(head.unit)}", f"median {middle:.4g}, {'as usual' if typical else 'which is unusual'}"]
+    return Guess(channel, column, strong and typical, True, head.unit, tuple(reasons))
 
 
 def _typical(known: channels.Recorded, middle: float, unit: str) -> bool | None:
@@ -116,13 +117,6 @@ def _typical(known: channels.Recorded, middle: float, unit: str) -> bool | None:
     except ValueError:
         return None
     return known.typical[0] <= value <= known.typical[1]
-
-
-def _readable(unit: str) -> bool:
-    try:
-        return bool(unit_of(unit)) or True
-    except ValueError:
-        return False
 
 
 def kind_of(unit: str) -> list[str]:
@@ -143,9 +137,15 @@ _CLOCK = re.compile(r"\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?")
 
 def csv_layout(path: Path) -> tuple[profiles.SourceRules, list[str]]:
     """Return how a CSV file is laid out, and the reason of each guess; raises DataError if its first lines are no table."""
-    lines = _first_lines(path)
-    delimiter = max(DELIMITERS, key=lambda sign: _width(lines, sign)[1])
-    width, _ = _width(lines, delimiter)
+    with recordings.opened(path) as raw, io.TextIOWrapper(raw, encoding="utf-8", errors="replace") as stream:
+        lines = [stream.readline(LINE) for _ in range(LOOKED_AT)]
+    lines = [line.rstrip("\r\n").lstrip("\ufeff") for line in lines if line]
+    if sum(bool(line.strip()) for line in lines) < 2 or any("\0" in line for line in lines):
+        raise DataError(f"{path}: not a CSV table of names and numbers; name a text file")
+    # the delimiter for which most speaks: columns times lines that agree on their number
+    widths = {sign: Counter(len(_fields(line, sign)) for line in lines) for sign in DELIMITERS}
+    every = ((sign, width, (width - 1) * often) for sign, counts in widths.items() for width, often in counts.items())
+    delimiter, width, _ = max(every, key=lambda item: item[2])
     if width < 2:
         raise DataError(
             f"{path}: the first lines are not a table with comma, semicolon, | or tab between the columns; describe the "
@@ -154,8 +154,10 @@ def csv_layout(path: Path) -> tuple[profiles.SourceRules, list[str]]:
     rows = [_fields(line, delimiter) for line in lines]
     header = next(number for number, row in enumerate(rows) if len(row) == width)
     body = [row for row in rows[header + 1 :] if any(row)]
-    units = bool(body) and len(body[0]) == width and not any(map(_is_value, body[0])) and any(map(_is_value, body[-1]))
-    decimal = "," if delimiter != "," and _commas(body) else "."
+    values = [[word for word in row if _NUMBER.fullmatch(word) or _CLOCK.fullmatch(word)] for row in body]
+    units = bool(body) and len(body[0]) == width and not values[0] and bool(values[-1])
+    numbers = "".join(word for row in body for word in row if _NUMBER.fullmatch(word))
+    decimal = "," if delimiter != "," and "," in numbers and "." not in numbers else "."
     rules = profiles.SourceRules(
         format="csv", delimiter=delimiter, decimal=decimal, header_row=header + 1, unit_row=header + 2 if units else 0
     )
@@ -167,34 +169,8 @@ def csv_layout(path: Path) -> tuple[profiles.SourceRules, list[str]]:
     return rules, reasons
 
 
-def _first_lines(path: Path) -> list[str]:
-    with recordings.opened(path) as raw, io.TextIOWrapper(raw, encoding="utf-8", errors="replace") as stream:
-        lines = [stream.readline(LINE) for _ in range(LOOKED_AT)]
-    kept = [line.rstrip("\r\n").lstrip("\ufeff") for line in lines if line]
-    if sum(bool(line.strip()) for line in kept) < 2 or any("\0" in line for line in kept):
-        raise DataError(f"{path}: not a CSV table of names and numbers; name a text file")
-    return kept
-
-
 def _fields(line: str, delimiter: str) -> list[str]:
     return [word.strip() for word in next(csv.reader([line], delimiter=delimiter), [])]
-
-
-def _width(lines: list[str], delimiter: str) -> tuple[int, int]:
-    """Return the usual number of columns with a delimiter, and how much speaks for it: columns times lines that agree."""
-    counts = Counter(len(_fields(line, delimiter)) for line in lines)
-    width, often = max(counts.items(), key=lambda item: (item[0] - 1) * item[1])
-    return width, (width - 1) * often
-
-
-def _is_value(word: str) -> bool:
-    return bool(_NUMBER.fullmatch(word) or _CLOCK.fullmatch(word))
-
-
-def _commas(rows: list[list[str]]) -> bool:
-    """Return whether numbers are written with a comma."""
-    numbers = [word for row in rows for word in row if _NUMBER.fullmatch(word)]
-    return any("," in word for word in numbers) and not any("." in word for word in numbers)
 
 
 def refreshed(values: Array, turn: int, turns: int) -> tuple[int, int]:

@@ -6,12 +6,12 @@ that are called time or t excepted.
 
 import warnings
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
-import numpy as np
 import pyarrow as pa
 
 from lpvobs.ingest import reader
@@ -20,102 +20,101 @@ from lpvobs.ingest.recordings import Head
 UNIT_FIELDS = ("unit", "units", "Unit", "Units")
 TIMES = ("time", "t")
 LONGEST_UNIT = 40
+Field = tuple[str, str, Any, object]
+"""A field: its structure's dotted name, its own, its value (text or an array of numbers), and a unit that is said of it alone."""
 
 
-def heads(path: Path, notes: dict[str, str]) -> Iterator[tuple[str, Head]]:
-    """Yield the vectors of a file."""
-    if _is_hdf(path):
-        found = list(_hdf_heads(path, notes))
-    else:
-        vectors = _flat(_document(path), "")
-        found = [Head(name, unit, values.size, name) for name, unit, values in vectors]
-    _expect_once(head.name for head in found)
-    yield from ((head.name, head) for head in found)
-
-
-def tables(path: Path, wanted: Sequence[str], notes: dict[str, str]) -> Iterator[pa.Table]:
-    """Yield the wanted vectors."""
-    if _is_hdf(path):
-        import h5py
-
-        with h5py.File(path, "r") as file:
-            for place in wanted:
-                yield pa.table({"values": reader.native(file[place][()].ravel())})
-    else:
-        vectors = {name: values for name, _, values in _flat(_document(path), "")}
-        for place in wanted:
-            yield pa.table({"values": reader.native(vectors[place])})
-
-
-def _is_hdf(path: Path) -> bool:
+@contextmanager
+def opened(path: Path, notes: dict[str, str]) -> Iterator[reader.Columns]:
+    """Yield the vectors of a file by their dotted names."""
     with path.open("rb") as stream:
         first = stream.read(128)
-    return b"MATLAB 7.3" in first or first[:4] == b"\x89HDF"
+        if b"MATLAB 7.3" not in first and first[:4] != b"\x89HDF":
+            yield _vectors(_fields(_document(stream), ""))
+            return
+    import h5py
+
+    with h5py.File(path, "r") as file:
+        yield _vectors(_hdf_fields(file, notes))
 
 
-def _expect_once(names: Iterator[str]) -> None:
+def _vectors(fields: Iterable[Field]) -> reader.Columns:
+    fields = list(fields)
+    texts = {(structure, name): value for structure, name, value, _ in fields if isinstance(value, str)}
+    numbers = [field for field in fields if not isinstance(field[2], str)]
+    _expect_once(structure + name for structure, name, *_ in numbers)
+    found = {}
+    for structure, name, values, own in numbers:
+        beside = (texts[structure, key] for key in UNIT_FIELDS if (structure, key) in texts)
+        unit = "" if name in TIMES else reader.as_text(next(beside, own))
+        found[structure + name] = (Head(structure + name, unit, values.size), partial(_table, values))
+    return found
+
+
+def _table(values: Any) -> pa.Table:
+    return pa.table({"values": reader.native(values[()].ravel())})
+
+
+def _expect_once(names: Iterable[str]) -> None:
     twice = next((name for name, often in Counter(names).items() if often > 1), None)
     if twice is not None:
         raise ValueError(f"variable '{twice}' appears twice")
 
 
-def _document(path: Path) -> Mapping[str, Any]:
+def _document(stream: IO[bytes]) -> Mapping[str, Any]:
     """Return the variables of a file of version 5; structures are dicts, arrays of them lists of dicts."""
     from scipy.io import loadmat, whosmat
 
-    with path.open("rb") as stream, warnings.catch_warnings():
+    with warnings.catch_warnings():
         warnings.filterwarnings("error", "Unreadable variable")
         _expect_once(name for name, _, _ in whosmat(stream))
         return {name: value for name, value in loadmat(stream, simplify_cells=True).items() if name[:2] != "__"}
 
 
-def _flat(document: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, str, Any]]:
-    """Yield dotted name, unit and values of every vector of real numbers in nested structures."""
-    unit = next((document[key] for key in UNIT_FIELDS if isinstance(document.get(key), str)), "")
+def _fields(document: Mapping[str, Any], prefix: str) -> Iterator[Field]:
+    """Yield the texts, and the vectors of real numbers, in nested structures."""
     for key, value in document.items():
         if isinstance(value, dict):
-            yield from _flat(value, f"{prefix}{key}.")
+            yield from _fields(value, f"{prefix}{key}.")
         elif isinstance(value, list):
             for number, item in enumerate(value, 1):
                 if isinstance(item, dict):
-                    yield from _flat(item, f"{prefix}{key}({number}).")
-        elif isinstance(value, np.ndarray) and value.ndim == 1 and value.size > 1 and value.dtype.kind in "iufb":
-            yield f"{prefix}{key}", "" if key in TIMES else reader.as_text(unit[:LONGEST_UNIT]), value
+                    yield from _fields(item, f"{prefix}{key}({number}).")
+        elif isinstance(value, str):
+            yield prefix, key, value[:LONGEST_UNIT], ""
+        elif getattr(value, "ndim", 0) == 1 and value.size > 1 and value.dtype.kind in "iufb":
+            yield prefix, key, value, ""
 
 
-def _hdf_heads(path: Path, notes: dict[str, str]) -> Iterator[Head]:
+def _hdf_fields(file: Any, notes: dict[str, str]) -> list[Field]:
+    """Return the same of a file of version 7.3."""
     import h5py
 
-    found: list[Head] = []
-    units: dict[str, str] = {}
+    found: list[Field] = []
     odd: list[str | bytes] = []
 
-    def look(name: str | bytes, item: Any) -> None:
-        if not isinstance(name, str) or not name.isprintable():
-            odd.append(name)
+    def look(path: str | bytes, item: Any) -> None:
+        if not isinstance(path, str) or not path.isprintable():
+            odd.append(path)
             return
-        if name.startswith("#") or not isinstance(item, h5py.Dataset) or item.is_virtual or item.external:
+        if path.startswith("#") or not isinstance(item, h5py.Dataset) or item.is_virtual or item.external:
             return  # '#refs#' holds what cells point to; other files are not followed
         if item.shape is None or "MATLAB_empty" in item.attrs:
             return
-        folder, _, own = name.rpartition("/")
+        folder, _, name = path.rpartition("/")
+        prefix = f"{folder}/".lstrip("/").replace("/", ".")
         if reader.as_text(item.attrs.get("MATLAB_class")) == "char":
-            if own in UNIT_FIELDS and item.dtype.kind == "u" and 0 < item.size <= LONGEST_UNIT:
-                units.setdefault(folder, item[()].ravel().astype("<u2").tobytes().decode("utf-16-le", errors="replace"))
+            if name in UNIT_FIELDS and item.dtype.kind == "u" and 0 < item.size <= LONGEST_UNIT:
+                text = item[()].ravel().astype("<u2").tobytes().decode("utf-16-le", errors="replace")
+                found.append((prefix, name, text, ""))
         elif item.dtype.kind in "iufb" and item.dtype.itemsize <= 8 and item.size == max(item.shape, default=0) > 1:
-            unit = "" if own in TIMES else reader.as_text(item.attrs.get("units", item.attrs.get("unit")))
-            dotted = name.replace("/", ".")
-            found.append(Head(dotted, unit, item.size, name))
+            found.append((prefix, name, item, item.attrs.get("units", item.attrs.get("unit"))))
 
-    with h5py.File(path, "r") as file:
-        file.visititems(look)  # goes along hard links alone
+    file.visititems(look)  # goes along hard links alone
     if odd:
         notes["names"] = f"{len(odd)} objects were left out, because their names are not text"
-    for item in found:
-        folder, _, own = item.place.rpartition("/")
-        beside = units.get(folder) if own not in TIMES else None
-        yield item if beside is None else replace(item, unit=beside)
+    return found
 
 
 if __name__ == "__main__":
-    reader.serve(heads, tables)
+    reader.serve(opened)

@@ -3,8 +3,9 @@
 import logging
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from logging.handlers import BufferingHandler
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from lpvobs.ingest.reader import as_text, native, serve
+from lpvobs.ingest.reader import Columns, as_text, native, serve
 from lpvobs.ingest.recordings import Head, one_line
 
 MOST_MESSAGES = 10_000
@@ -25,39 +26,32 @@ _FORMULA = re.compile(
 
 
 @contextmanager
-def _opened(path: Path, notes: dict[str, str]) -> Iterator[Any]:
-    """Yield an open file; the first of what the library complains of meanwhile becomes a note."""
+def opened(path: Path, notes: dict[str, str]) -> Iterator[Columns]:
+    """Yield every channel that is not a time base; a name that several groups have is called group:name.
+
+    The first of what the library complains of meanwhile becomes a note.
+    """
     from asammdf import MDF
 
     said = BufferingHandler(MOST_MESSAGES)
     said.setLevel(logging.WARNING)
     logging.getLogger("asammdf").handlers = [said]
-    yield MDF(path, process_bus_logging=False)
+    file = MDF(path, process_bus_logging=False)
+    channels = [
+        (number, index, channel, int(group.channel_group.cycles_nr))
+        for number, group in enumerate(file.groups)
+        for index, channel in enumerate(group.channels)
+        if index != file.masters_db.get(number)
+    ]
+    often = Counter(str(channel.name) for _, _, channel, _ in channels)
+    found = {}
+    for number, index, channel, size in channels:
+        name = str(channel.name)
+        head = Head(name, _unit(channel), size)
+        found[name if often[name] == 1 else f"{number}:{name}"] = (head, partial(_table, file, number, index, notes))
+    yield found
     if said.buffer:
         notes["asammdf says"] = one_line(said.buffer[0].getMessage())
-
-
-def heads(path: Path, notes: dict[str, str]) -> Iterator[tuple[str, Head]]:
-    """Yield every channel that is not a time base; a name that several groups have is called group:name."""
-    with _opened(path, notes) as file:
-        channels = [
-            (number, index, channel, int(group.channel_group.cycles_nr))
-            for number, group in enumerate(file.groups)
-            for index, channel in enumerate(group.channels)
-            if index != file.masters_db.get(number)
-        ]
-        often = Counter(str(channel.name) for _, _, channel, _ in channels)
-        for number, index, channel, size in channels:
-            name = str(channel.name)
-            full = name if often[name] == 1 else f"{number}:{name}"
-            yield full, Head(name, _unit(channel), size, [number, index])
-
-
-def tables(path: Path, wanted: Sequence[tuple[int, int]], notes: dict[str, str]) -> Iterator[pa.Table]:
-    """Yield the wanted channels."""
-    with _opened(path, notes) as file:
-        for group, index in wanted:
-            yield _table(file, group, index, notes)
 
 
 def _table(file: Any, group: int, index: int, notes: dict[str, str]) -> pa.Table:
@@ -125,4 +119,4 @@ def _unit(channel: Any) -> str:
 
 
 if __name__ == "__main__":
-    serve(heads, tables)
+    serve(opened)

@@ -1,5 +1,6 @@
 """Profiles: TOML files that say how a foreign recording becomes a log."""
 
+import hashlib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -8,6 +9,7 @@ from pathlib import Path
 from lpvobs.engines.registry import usual_engine
 from lpvobs.errors import UsageError
 from lpvobs.ingest.computed import Computed
+from lpvobs.ingest.record import ProfileDone
 from lpvobs.io.configuration.strict import convert, parse, read_text
 from lpvobs.simulation.cycles import shipped_folder
 
@@ -131,8 +133,8 @@ def shipped() -> dict[str, Path]:
     return {path.stem: path for path in sorted((shipped_folder("configs") / "profiles").glob("*.toml"))}
 
 
-def load_profile(name: str) -> tuple[Profile, str, str]:
-    """Return a profile by the name of a shipped one or the path of a TOML file, its name, its text; raises UsageError for none."""
+def load_profile(name: str) -> tuple[Profile, ProfileDone]:
+    """Return a shipped profile by name, or one by its path, and what a log keeps of it; raises UsageError for none."""
     known = shipped()
     path = known.get(name, Path(name))
     if name not in known and path.suffix != ".toml" and not path.exists():
@@ -140,7 +142,8 @@ def load_profile(name: str) -> tuple[Profile, str, str]:
             f"--profile {name}: no such profile; lpvobs has the profiles {', '.join(known)}; name one of them or your own TOML file"
         )
     text = read_text(path)
-    return profile_of(text, path), path.stem, text
+    digest = hashlib.sha256(text.encode()).hexdigest()
+    return profile_of(text, path), ProfileDone(path.stem, digest, text)
 
 
 def profile_of(text: str, path: Path) -> Profile:

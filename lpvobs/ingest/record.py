@@ -12,7 +12,6 @@ from lpvobs.io.arrow import pa, pq
 
 SCHEMA = "lpvobs/ingest/1"
 KEY = "lpvobs.ingest"
-Repairs = Mapping[str, int | str]  # what was repaired: how many samples, or how
 
 
 @dataclass(frozen=True)
@@ -58,26 +57,13 @@ class ChannelDone:
     unit: str
     meaning: str
     samples: int
-    repairs: Repairs
+    repairs: Mapping[str, int | str]  # what was repaired: in how many samples, or how
     rate: float | None = None
     rule: str = ""
     rule_from: str = ""
     limit: float = 0.0
     bridged: int = 0
     without_value: int = 0
-
-
-@dataclass(frozen=True)
-class Done:
-    """What was done to make a log; `missing` are the optional channels that no source has."""
-
-    schema: str
-    description: str
-    sources: list[SourceDone]
-    time: TimeDone
-    raster: RasterDone
-    channels: Mapping[str, ChannelDone]
-    missing: list[str]
 
 
 @dataclass(frozen=True)
@@ -90,9 +76,16 @@ class ProfileDone:
 
 
 @dataclass(frozen=True)
-class IngestRecord(Done):
-    """The same with the profile, as it stands in the log."""
+class IngestRecord:
+    """What was done to make a log; `missing` are the optional channels that no source has."""
 
+    schema: str
+    description: str
+    sources: list[SourceDone]
+    time: TimeDone
+    raster: RasterDone
+    channels: Mapping[str, ChannelDone]
+    missing: list[str]
     profile: ProfileDone
 
 

@@ -47,7 +47,7 @@ class ApartRecording(ForeignRecording):
     def read(self, names: Sequence[str]) -> Mapping[str, Column]:
         """Return columns as they are stored; those of MDF in physical values, with their own stamps, empty where marked invalid."""
         check_samples(self.path, [self.heads[name].size for name in names])
-        tables = _asked(self.path, self.library, [self.heads[name].place for name in names], self.notes)
+        tables = _asked(self.path, self.library, names, self.notes)
         return {
             name: Column(table["values"], table["time"].to_numpy() if table.num_columns > 1 else None)
             for name, table in zip(names, tables, strict=True)
@@ -82,8 +82,8 @@ def _opened(path: Path, library: Library) -> ApartRecording:
     return ApartRecording(path, heads, library, notes=notes)
 
 
-def _asked(path: Path, library: Library, wanted: Sequence[Any] | None, notes: dict[str, str]) -> Iterator[Any]:
-    """Yield what the reading process says of every column, or tables of those at the wanted places; keep its notes."""
+def _asked(path: Path, library: Library, wanted: Sequence[str] | None, notes: dict[str, str]) -> Iterator[Any]:
+    """Yield what the reading process says of every column, or tables of the wanted ones; keep its notes."""
     size = path.stat().st_size
     said = io.BytesIO(answer(library.module, path, SECONDS + size // PER_SECOND, BYTES + size, json.dumps(wanted)))
     reason = FAILED

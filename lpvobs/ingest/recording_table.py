@@ -32,9 +32,10 @@ class CsvRecording(ForeignRecording):
         """Return columns as text, empty where the file has nothing; lines that were cut off are left out and noted."""
         from pyarrow import csv as arrow
 
-        survey = _survey(self.path, self.encoding)
-        recordings.check_samples(self.path, [survey.lines] * len(names), 2.0 * survey.size)
-        encoding = self.encoding if survey.decodes else ANY_BYTE
+        head, size = max(self.rules.header_row, self.rules.unit_row), self.path.stat().st_size
+        lines, quotes, decodes = _survey(self.path, self.encoding)
+        recordings.check_samples(self.path, [lines] * len(names), 2.0 * size)
+        encoding = self.encoding if decodes else ANY_BYTE
         self.notes.update(_read_as(self.encoding, encoding))
         order = list(self.heads)
         keys = [str(order.index(name)) for name in names]
@@ -51,7 +52,7 @@ class CsvRecording(ForeignRecording):
                     stream,
                     arrow.ReadOptions(
                         use_threads=False,
-                        skip_rows=max(self.rules.header_row, self.rules.unit_row),
+                        skip_rows=head,
                         column_names=[str(number) for number in range(len(order))],
                         encoding=encoding,
                     ),
@@ -65,34 +66,22 @@ class CsvRecording(ForeignRecording):
                 f"{self.path}: not a readable CSV table ({recordings.one_line(error)}); check delimiter and encoding in the "
                 "profile's [source]"
             ) from None
-        self._note_broken(broken, table.num_rows)
-        if survey.quotes:
-            _refuse_open_quote(self.path, table.num_rows + len(broken), max(self.rules.header_row, self.rules.unit_row))
+        rows = table.num_rows + len(broken)
+        if broken and (self.rules.polled or (len(broken) > 1 and len(broken) > MOST_BROKEN * table.num_rows)):
+            raise DataError(
+                f"{self.path}: {len(broken)} of {rows} lines have a wrong number of fields (the first has "
+                f"{broken[0]} fields), expected {len(order)}; check the delimiter, or export the file again"
+            )
+        if broken:
+            self.notes["broken_lines"] = f"{len(broken)} lines with a wrong number of fields were left out"
+        if quotes:
+            _refuse_open_quote(self.path, rows, head)
         return {name: Column(table.column(key)) for name, key in zip(names, keys, strict=True)}
 
-    def _note_broken(self, broken: list[int], rows: int) -> None:
-        if not broken:
-            return
-        if self.rules.polled or (len(broken) > 1 and len(broken) > MOST_BROKEN * rows):
-            raise DataError(
-                f"{self.path}: {len(broken)} of {rows + len(broken)} lines have a wrong number of fields (the first has "
-                f"{broken[0]} fields), expected {len(self.heads)}; check the delimiter, or export the file again"
-            )
-        self.notes["broken_lines"] = f"{len(broken)} lines with a wrong number of fields were left out"
 
-
-@dataclass(frozen=True)
-class Survey:
-    """What is known of a whole file before it is taken apart; `decodes`: it is UTF-8, where that is what it should be."""
-
-    lines: int
-    size: int
-    quotes: bool
-    decodes: bool
-
-
-def _survey(path: Path, encoding: str) -> Survey:
-    lines, size, quotes, decodes = 0, path.stat().st_size, False, True
+def _survey(path: Path, encoding: str) -> tuple[int, bool, bool]:
+    """Return about how many lines a file has, whether it has quotation marks, and whether it is UTF-8, where it should be."""
+    lines, quotes, decodes, size = 1, False, True, path.stat().st_size
     decoder = codecs.getincrementaldecoder("utf-8")()
     with recordings.opened(path) as stream:
         while chunk := stream.read(LONGEST_LINE):
@@ -103,7 +92,7 @@ def _survey(path: Path, encoding: str) -> Survey:
                     decoder.decode(chunk, final=stream.tell() == size)
                 except UnicodeDecodeError:
                     decodes = False
-    return Survey(lines + 1, size, quotes, decodes)
+    return lines, quotes, decodes
 
 
 def _refuse_open_quote(path: Path, rows: int, before: int) -> None:
@@ -200,15 +189,14 @@ def open_parquet(path: Path, rules: SourceRules) -> ParquetRecording:
                 chunk = group.column(place)
                 sizes[chunk.path_in_schema] = sizes.get(chunk.path_in_schema, 0) + chunk.total_uncompressed_size
         rows = metadata.num_rows
-    heads = {item.name: _head(item, rows) for item in schema if not pa.types.is_nested(item.type)}
-    return ParquetRecording(path, {name: head for name, head in heads.items() if schema.names.count(name) == 1}, sizes)
-
-
-def _head(item: "pa.Field", rows: int) -> Head:
-    name, inside = recordings.split_unit(item.name)
-    metadata = item.metadata or {}
-    stored = (metadata.get(b"unit") or metadata.get(b"units") or b"").decode(errors="replace").strip()
-    return Head(name, stored or inside, rows)
+    heads, often = {}, Counter(schema.names)
+    for item in schema:
+        if not pa.types.is_nested(item.type) and often[item.name] == 1:
+            name, inside = recordings.split_unit(item.name)
+            said = item.metadata or {}
+            stored = (said.get(b"unit") or said.get(b"units") or b"").decode(errors="replace").strip()
+            heads[item.name] = Head(name, stored or inside, rows)
+    return ParquetRecording(path, heads, sizes)
 
 
 @contextmanager

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
 from lpvobs.errors import DataError
 from lpvobs.io.arrow import pa, pc
@@ -33,7 +33,6 @@ class Head:
     name: str  # without the unit
     unit: str  # as the file says it; empty where it does not
     size: int = -1  # samples; -1 where the file does not say before it is read
-    place: Any = None  # where the process that reads the file finds it again
 
 
 @dataclass(frozen=True)
@@ -42,15 +41,6 @@ class Column:
 
     data: "pa.Array | pa.ChunkedArray"
     time: Array | None = None  # (N,) [s], where the format keeps a time base with each channel
-
-
-@dataclass(frozen=True)
-class Numbers:
-    """A column as numbers."""
-
-    values: Array  # (N,) NaN where the file has none
-    unreadable: int = 0  # entries that are neither empty nor a number
-    example: str = ""  # the first of them
 
 
 @dataclass(frozen=True)
@@ -135,21 +125,20 @@ def check_size(path: Path, needed: float) -> None:
         )
 
 
-def as_numbers(data: "pa.Array | pa.ChunkedArray", decimal: str = ".") -> Numbers:
-    """Return a column as floats, NaN for what is no number; raises ValueError if it holds neither numbers nor text."""
+def as_numbers(data: "pa.Array | pa.ChunkedArray", decimal: str = ".") -> tuple[Array, dict[str, int | str]]:
+    """Return a column as floats, NaN for what is no number; of text also how many entries are unreadable, and the first of them.
+
+    Raises ValueError if it holds neither numbers nor text.
+    """
     if pa.types.is_dictionary(data.type):
         data = data.cast(data.type.value_type)
-    if pa.types.is_string(data.type) or pa.types.is_large_string(data.type):
-        return _numbers_of_text(data, decimal)
-    if not is_numeric(data.type):
+    if is_numeric(data.type):
+        return as_floats(data), {}
+    if not (pa.types.is_string(data.type) or pa.types.is_large_string(data.type)):
         raise ValueError(f"holds {data.type}, expected numbers")
-    return Numbers(as_floats(data))
-
-
-def _numbers_of_text(data: "pa.Array | pa.ChunkedArray", decimal: str) -> Numbers:
     data = pc.fill_null(pc.utf8_trim_whitespace(data), "")
     mended = pc.replace_substring(data, ",", ".") if decimal == "," else data
     good = pc.match_substring_regex(mended, _NUMBER)
     odd = data.filter(pc.and_(pc.invert(good), pc.not_equal(data, "")))
-    numbers = pc.if_else(good, mended, "nan").cast(pa.float64())
-    return Numbers(as_floats(numbers), len(odd), odd[0].as_py()[:LONGEST_EXAMPLE] if len(odd) else "")
+    repairs = {"unreadable": len(odd), "example": odd[0].as_py()[:LONGEST_EXAMPLE]} if len(odd) else {}
+    return as_floats(pc.if_else(good, mended, "nan").cast(pa.float64())), repairs

@@ -2,17 +2,17 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lpvobs.errors import DataError
 from lpvobs.ingest.guesses import refreshed
-from lpvobs.ingest.profiles import ChannelRules, Profile
-from lpvobs.ingest.record import ChannelDone, Repairs, SourceDone
+from lpvobs.ingest.profiles import Profile
+from lpvobs.ingest.record import ChannelDone, SourceDone
 from lpvobs.ingest.recordings import Column, ForeignRecording, as_numbers, find, nearest
-from lpvobs.io.arrow import pa
+from lpvobs.io.arrow import pa, pc
+from lpvobs.io.logs.parquet import as_floats
 from lpvobs.io.logs.units import canonical, convert, is_broken
 from lpvobs.io.safety.atomic import file_digest
 from lpvobs.records import Array
@@ -24,84 +24,55 @@ TURNS_MISSED = 0.1
 """Share of a polled column's changes that may stand in rows of other columns; with more, it was not polled in turn."""
 
 
-@dataclass(frozen=True)
-class Stamps:
-    """A time base."""
+def stamps(data: "pa.Array | pa.ChunkedArray", unit: str, decimal: str = ".") -> tuple[Array, dict[str, int]]:
+    """Return a time column in seconds, NaN where it has no time, and how many entries are unreadable and nights have passed.
 
-    time: Array  # (N,) [s], NaN where the file has no time
-    unreadable: int = 0  # entries that are no time
-    nights: int = 0  # midnights that the time of day has passed
-
-
-def stamps(data: "pa.Array | pa.ChunkedArray", unit: str, decimal: str = ".") -> Stamps:
-    """Return a time column as seconds; raises ValueError for another unit, or if the column holds something else."""
-    # The unit is one of time, `clock` for h:mm:ss.sss, or `datetime` for ISO 8601 text or Arrow time stamps.
-
+    The unit is one of time, `clock` for h:mm:ss.sss, or `datetime` for ISO 8601 text or Arrow time stamps. Raises ValueError for
+    another unit, or if the column holds something else.
+    """
+    if pa.types.is_dictionary(data.type):
+        data = data.cast(data.type.value_type)
     if unit in ("clock", "datetime"):
         if pa.types.is_integer(data.type) or pa.types.is_floating(data.type):
             raise ValueError(f"holds {data.type}, but its unit '{unit}' needs text or time stamps")
         return _clock(data) if unit == "clock" else _dates(data)
     if pa.types.is_timestamp(data.type) or pa.types.is_time(data.type):
         raise ValueError(f"holds {data.type}; expected numbers in {unit}, or the unit 'datetime'")
-    numbers = as_numbers(data, decimal)
-    return Stamps(convert(numbers.values, unit, "s"), numbers.unreadable)
+    values, read = as_numbers(data, decimal)
+    return convert(values, unit, "s"), {"unreadable": int(read.get("unreadable", 0))}
 
 
-def seconds_of_day(text: str) -> float:
-    """Return the seconds since midnight of h:mm, h:mm:ss or h:mm:ss.sss, NaN for anything else.
-
-    Examples
-    --------
-    >>> seconds_of_day("19:17:19.5"), seconds_of_day("7:05"), seconds_of_day("soon")
-    (69439.5, 25500.0, nan)
-    """
-    parts = text.strip().replace(",", ".").split(":")
-    if not 2 <= len(parts) <= 3 or not all(part.replace(".", "", 1).isdecimal() for part in parts):
-        return np.nan
-    hours, minutes, seconds = (float(part) for part in [*parts, "0"][:3])
-    return 3600.0 * hours + 60.0 * minutes + seconds if hours < 24 and minutes < 60 and seconds < 61 else np.nan
-
-
-def _clock(data: "pa.Array | pa.ChunkedArray") -> Stamps:
+def _clock(data: "pa.Array | pa.ChunkedArray") -> tuple[Array, dict[str, int]]:
     """Return times of day as seconds that go on past midnight: a step back of more than half a day is the next day."""
-    slabs, unreadable = [np.empty(0)], 0
-    for start in range(0, len(data), SLAB):  # as Python's own text, all of a long recording would not fit into memory
-        words = ["" if item is None else str(item) for item in data.slice(start, SLAB).to_pylist()]
-        slabs.append(np.array([seconds_of_day(word) for word in words]))
-        unreadable += sum(1 for word, value in zip(words, slabs[-1], strict=True) if word.strip() and np.isnan(value))
-    time = np.concatenate(slabs)
-    known = np.flatnonzero(np.isfinite(time))
+    text = pc.replace_substring(pc.utf8_trim_whitespace(pc.fill_null(data.cast(pa.string()), "")), ",", ".")
+    parts = pc.extract_regex(text, r"^(?P<h>\d+):(?P<m>\d+)(?::(?P<s>\d+\.?\d*))?$").flatten()
+    hours, minutes, seconds = (as_floats(pc.replace_substring_regex(part, "^$", "0")) for part in parts)
+    right = (hours < 24) & (minutes < 60) & (seconds < 61)
+    time = np.where(right, 3600.0 * hours + 60.0 * minutes + seconds, np.nan)
+    unreadable = np.count_nonzero(~right) - pc.sum(pc.equal(text, ""), min_count=0).as_py()
+    known = np.flatnonzero(right)
     nights = np.cumsum(np.diff(time[known]) < -0.5 * DAY)
     time[known[1:]] += DAY * nights
-    return Stamps(time, unreadable, int(nights[-1]) if nights.size else 0)
+    return time, {"nights": int(nights.max(initial=0)), "unreadable": int(unreadable)}
 
 
-def _dates(data: "pa.Array | pa.ChunkedArray") -> Stamps:
+def _dates(data: "pa.Array | pa.ChunkedArray") -> tuple[Array, dict[str, int]]:
     """Return ISO 8601 text or time stamps as seconds since 1970; a zone is converted, none is taken for UTC."""
     import pandas as pd
 
     slabs = [np.empty(0)]
-    for start in range(0, len(data), SLAB):
+    for start in range(0, len(data), SLAB):  # all of a long recording would not fit into memory as Python's own text
         slab = data.slice(start, SLAB).to_pandas()
         found = pd.to_datetime(slab, errors="coerce", utc=True, format="ISO8601")
         slabs.append((found - pd.Timestamp(0, tz="UTC")).dt.total_seconds().to_numpy(dtype=float))
     time = np.concatenate(slabs)
-    return Stamps(time, int(np.count_nonzero(np.isnan(time)) - data.null_count))
+    return time, {"unreadable": int(np.count_nonzero(np.isnan(time)) - data.null_count)}
 
 
 def forward(time: Array) -> NDArray[np.bool_]:
     """Return which stamps are finite and later than every earlier one."""
     latest = np.fmax.accumulate(np.concatenate(([-np.inf], time)))[:-1]
     return np.asarray(time > latest)
-
-
-@dataclass(frozen=True)
-class TimeBase:
-    """Stamps [s], shape (N,), which rows of them are used, and what was repaired."""
-
-    time: Array
-    keep: NDArray[np.bool_]
-    repairs: Mapping[str, int]
 
 
 @dataclass(frozen=True)
@@ -121,14 +92,14 @@ class Source:
         self.recording, self.profile, self.path = recording, profile, recording.path
         clocks = {name: self._clock(profile.channels[name].time or profile.time.source) for name in wanted}
         columns = recording.read(list(dict.fromkeys([*wanted.values(), *filter(None, clocks.values())])))
-        bases: dict[str, TimeBase] = {}
+        bases: dict[str, tuple[Array, dict[str, int]]] = {}
         self.samples: dict[str, RecordedSamples] = {}
         for name, full in wanted.items():
             clock = clocks[name] or full
             if clock not in bases:
                 bases[clock] = self._time_base(columns[clock], clock, bool(clocks[name]))
-            self.samples[name] = self._samples(name, full, columns[full], clock, bases[clock])
-        repairs = {clock: base.repairs for clock, base in bases.items() if base.repairs}
+            self.samples[name] = self._samples(name, full, columns[full], clock, bases[clock][0])
+        repairs = {clock: repairs for clock, (_, repairs) in bases.items() if repairs}
         self.done = SourceDone(self.path.name, file_digest(self.path), dict(recording.notes), repairs)
 
     def _clock(self, wanted: str) -> str | None:
@@ -141,10 +112,18 @@ class Source:
             )
         return full
 
-    def _time_base(self, column: Column, name: str, is_clock: bool) -> TimeBase:
-        """Return a time base in seconds with the rows that run forward."""
-        where, rules = f"{self.path}: time column '{name}'", self.profile.time
-        time, repairs = self._seconds(column, name, where) if is_clock else (column.time, {})
+    def _time_base(self, column: Column, name: str, is_clock: bool) -> tuple[Array, dict[str, int]]:
+        """Return stamps [s], shape (N,), NaN where one is not later than all before, and what was repaired."""
+        where, rules, repairs = f"{self.path}: time column '{name}'", self.profile.time, dict[str, int]()
+        time = column.time
+        if is_clock:
+            unit = rules.unit or self.recording.heads[name].unit
+            if not unit:
+                raise DataError(f"{where} has no unit; set unit in the profile's [time]")
+            try:
+                time, repairs = stamps(column.data, unit, self.profile.source.decimal)
+            except ValueError as error:
+                raise DataError(f"{where}: {error}; correct unit in the profile's [time]") from None
         if time is None:
             raise DataError(
                 f"{self.path}: this file format stores no time with the channels; name the time column with source in the "
@@ -155,8 +134,8 @@ class Source:
             raise DataError(
                 f"{where} has {stamped} readable time stamps, expected at least two; check [time] in the profile"
             )
-        keep = forward(time)
-        backward = np.flatnonzero(np.isfinite(time) & ~keep)
+        later = forward(time)
+        backward = np.flatnonzero(np.isfinite(time) & ~later)
         if backward.size and rules.backward == "refuse":
             raise DataError(
                 f"{where} repeats or runs backward {backward.size} times, first at {time[backward[0]]:.6g} s (row {backward[0]}); "
@@ -168,41 +147,49 @@ class Source:
                 f"{100 * MOST_BACKWARD:.0f} %; repair the file"
             )
         repairs |= {"backward": backward.size, "empty": time.size - stamped - repairs.get("unreadable", 0)}
-        return TimeBase(time, keep, {key: count for key, count in repairs.items() if count})
+        return np.where(later, time, np.nan), {key: count for key, count in repairs.items() if count}
 
-    def _seconds(self, column: Column, name: str, where: str) -> tuple[Array, dict[str, int]]:
-        """Return a clock column in seconds, and what in it was repaired."""
-        unit = self.profile.time.unit or self.recording.heads[name].unit
-        if not unit:
-            raise DataError(f"{where} has no unit; set unit in the profile's [time]")
+    def _samples(self, name: str, full: str, column: Column, clock: str, time: Array) -> RecordedSamples:
+        """Return a channel from its column and the stamps that count."""
+        rules, source, file_unit = self.profile.channels[name], self.profile.source, self.recording.heads[full].unit
+        where, named = f"{self.path}: channel '{name}'", f"'{full}'"
         try:
-            found = stamps(column.data, unit, self.profile.source.decimal)
+            raw, repairs = as_numbers(column.data, source.decimal)
         except ValueError as error:
-            raise DataError(f"{where}: {error}; correct unit in the profile's [time]") from None
-        return found.time, {"nights": found.nights, "unreadable": found.unreadable}
-
-    def _samples(self, name: str, full: str, column: Column, clock: str, base: TimeBase) -> RecordedSamples:
-        """Return a channel from its column and time base."""
-        rules, file_unit = self.profile.channels[name], self.recording.heads[full].unit
-        where = f"{self.path}: channel '{name}' ('{full}')"
-        try:
-            numbers = as_numbers(column.data, self.profile.source.decimal)
-        except ValueError as error:
-            raise DataError(f"{where} {error}; export it as numbers") from None
-        if numbers.values.size != base.time.size:
+            raise DataError(f"{where} ({named}) {error}; export it as numbers") from None
+        if raw.size != time.size:
             raise DataError(
-                f"{where} has {numbers.values.size} samples, but its time column has {base.time.size}; "
+                f"{where} ({named}) has {raw.size} samples, but its time column has {time.size}; "
                 f"name the right time column with the key time in the profile's [channels.{name}]"
             )
-        if numbers.values.size and numbers.unreadable == numbers.values.size:
-            text = numbers.example[:20]
-            raise DataError(f"{where} holds text such as '{text}', expected numbers; check decimal in [source]")
-        keep, late = base.keep, 0
-        if self.profile.source.polled:
-            mine, late = self._in_turn(full, clock, numbers.values)
-            keep = keep & mine
-        values, unit, repairs = _repaired(self.path, file_unit, numbers.values[keep], name, rules)
-        reading: Repairs = {"out_of_turn": late, "unreadable": numbers.unreadable, "example": numbers.example}
+        if raw.size and repairs.get("unreadable") == raw.size:
+            text = str(repairs["example"])[:20]
+            raise DataError(
+                f"{where} ({named}) holds text such as '{text}', expected numbers; check decimal in [source]"
+            )
+        keep = np.isfinite(time)
+        if source.polled:
+            mine, late = self._in_turn(full, clock, raw)
+            keep, repairs = keep & mine, {"out_of_turn": late, **repairs}
+        raw = raw[keep]
+        unit = canonical(rules.source_unit or file_unit)
+        if not unit:
+            raise DataError(f"{where} has no unit in the file; set source_unit in [channels.{name}]")
+        invalid = np.isin(raw, rules.invalid)
+        try:
+            values = convert(rules.scale * np.where(invalid, np.nan, raw) + rules.offset, unit, rules.unit)
+        except ValueError as error:
+            raise DataError(f"{where}: {error}; correct unit or source_unit in the profile") from None
+        outside = (values < rules.low) | (values > rules.high)
+        values = np.where(outside | ~np.isfinite(values), np.nan, values)
+        counts = {"empty": ~np.isfinite(raw), "invalid": invalid, "out_of_range": outside}
+        repairs |= {key: int(np.count_nonzero(rows)) for key, rows in counts.items()}
+        if (rules.scale, rules.offset) != (1.0, 0.0):
+            repairs["rescaled"] = f"{rules.scale:g} * recorded + {rules.offset:g} {unit}"
+        if file_unit and rules.source_unit and canonical(file_unit) != unit:
+            repairs["unit"] = f"the unit is {file_unit} in the file, but {rules.source_unit} in the profile"
+        elif is_broken(rules.source_unit or file_unit):
+            repairs["unit_spelling"] = f"{rules.source_unit or file_unit} read as {unit}"
         done = ChannelDone(
             file=self.path.name,
             source=full,
@@ -211,9 +198,9 @@ class Source:
             unit=rules.unit,
             meaning=rules.meaning,
             samples=int(np.count_nonzero(np.isfinite(values))),
-            repairs={key: count for key, count in [*reading.items(), *repairs.items()] if count},
+            repairs={key: found for key, found in repairs.items() if found},
         )
-        return RecordedSamples(base.time[keep], values, done)
+        return RecordedSamples(time[keep], values, done)
 
     def _in_turn(self, full: str, clock: str, values: Array) -> tuple[NDArray[np.bool_], int]:
         """Return the rows in which a polled column is refreshed, and how often it changes in others."""
@@ -226,28 +213,3 @@ class Source:
                 f"refreshed column per row; add missing lines, or delete polled in [source] if it is not polled"
             )
         return np.arange(values.size) % len(turns) == turn, late
-
-
-def _repaired(path: Path, file_unit: str, raw: Array, name: str, rules: ChannelRules) -> tuple[Array, str, Repairs]:
-    """Return values in the unit of the log, the unit that they were read in, and what was repaired."""
-    unit = canonical(rules.source_unit or file_unit)
-    if not unit:
-        raise DataError(f"{path}: channel '{name}' has no unit in the file; set source_unit in [channels.{name}]")
-    invalid = np.isin(raw, rules.invalid)
-    try:
-        values = convert(rules.scale * np.where(invalid, np.nan, raw) + rules.offset, unit, rules.unit)
-    except ValueError as error:
-        raise DataError(f"{path}: channel '{name}': {error}; correct unit or source_unit in the profile") from None
-    outside = (values < rules.low) | (values > rules.high)
-    counts: dict[str, int | str] = {
-        "empty": int(np.count_nonzero(~np.isfinite(raw))),
-        "invalid": int(np.count_nonzero(invalid)),
-        "out_of_range": int(np.count_nonzero(outside)),
-    }
-    if (rules.scale, rules.offset) != (1.0, 0.0):
-        counts["rescaled"] = f"{rules.scale:g} * recorded + {rules.offset:g} {unit}"
-    if file_unit and rules.source_unit and canonical(file_unit) != unit:
-        counts["unit"] = f"the unit is {file_unit} in the file, but {rules.source_unit} in the profile"
-    elif is_broken(rules.source_unit or file_unit):
-        counts["unit_spelling"] = f"{rules.source_unit or file_unit} read as {unit}"
-    return np.where(outside | ~np.isfinite(values), np.nan, values), unit, counts

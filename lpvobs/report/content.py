@@ -196,9 +196,9 @@ def _drive(path: Path, digest: str, results: Sequence[StoredResult]) -> Drive:
         )
     air_path = air_path_of(owner)
     log = read_log(path, air_path.channels, _policies(owner))
-    references = read_references(path, log.rows)
+    references = read_references(path, log.rows) or {}
     fuel, speed = (log[axis.channel] for axis in air_path.axes)
-    reference = None if references is None else references.delta_W_c
+    reference = references.get("ref_delta_W_c")
     return Drive(
         time=log.time,
         fuel=fuel,
@@ -206,7 +206,7 @@ def _drive(path: Path, digest: str, results: Sequence[StoredResult]) -> Drive:
         measured=log[air_path.sensor],
         segments=log.segments,
         reference=reference,
-        true_flow=None if references is None else references.W_c,
+        true_flow=references.get("ref_W_c"),
         ingest=stored_record(path),
         surface=None if reference is None else _reference_surface(air_path, owner.grid, log, reference),
     )

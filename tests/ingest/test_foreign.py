@@ -268,7 +268,7 @@ def test_a_profile_is_read_strictly(tmp_path, case):
 def test_shipped_profiles_load_and_others_are_named():
     assert {"liu-ice", "kit-obd"} <= set(shipped())
     for name in shipped():
-        assert load_profile(name)[1] == name
+        assert load_profile(name)[1].name == name
     with pytest.raises(UsageError, match="lpvobs has the profiles kit-obd, liu-ice"):
         load_profile("liu-ise")
 

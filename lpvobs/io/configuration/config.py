@@ -159,10 +159,9 @@ class Effects(_Surroundings):
     injected: tuple[disturbances.Injected, ...] = ()
 
 
-def load_effects(path: Path) -> tuple[Effects, str]:
-    """Return the effects in a TOML file, and the file's text; raises as `load_config` does."""
-    text = read_text(path)
-    document = parse(text, path)
+def load_effects(path: Path) -> Effects:
+    """Return the effects in a TOML file; raises as `load_config` does."""
+    document = parse(read_text(path), path)
     if not document:
         raise UsageError(
             f"{path}: expected a table [surface], [[effect]] or [auxiliary], but the file has none of them; see the "
@@ -171,16 +170,14 @@ def load_effects(path: Path) -> tuple[Effects, str]:
     listed = document.pop("effect", [])
     if not (isinstance(listed, list) and all(isinstance(table, dict) for table in listed)):
         raise UsageError(f"{path}: 'effect' is not a list of tables; write each effect under its own [[effect]]")
-    effects = tuple(_effect(path, place, table) for place, table in enumerate(listed))
+    effects: list[disturbances.Injected] = []
+    for table in listed:
+        try:
+            effects.append(disturbances.injected_of(table))
+        except UsageError as error:
+            raise UsageError(f"{path}: effect[{len(effects)}]: {error}") from None
     tables = convert(path, document, _Surroundings, "configs/effects/road.toml")
-    return Effects(**vars(tables), injected=effects), text
-
-
-def _effect(path: Path, place: int, table: Mapping[str, Any]) -> disturbances.Injected:
-    try:
-        return disturbances.injected_of(table)
-    except UsageError as error:
-        raise UsageError(f"{path}: effect[{place}]: {error}") from None
+    return Effects(**vars(tables), injected=tuple(effects))
 
 
 def _check_names(path: Path, config: Config) -> None:

@@ -3,7 +3,7 @@
 import csv
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from itertools import zip_longest
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +13,7 @@ from lpvobs.engines import base, channels, unknowns
 from lpvobs.errors import DataError
 from lpvobs.io.arrow import pa
 from lpvobs.io.logs.parquet import column_of, expect, metadata_of, refuse_huge, schema_of, tables_of, write_log
-from lpvobs.io.safety.atomic import file_digest, replacing
+from lpvobs.io.safety.atomic import replacing
 from lpvobs.records import Array
 
 FUEL, LAMBDA = "W_f", "lambda"
@@ -31,16 +31,11 @@ RICHEST = 9.0  # air over fuel, both in kg/s; an engine that gets less air than 
 MOST_WRONG = 0.1  # share of the points that may be off: a bench has its slips, a wrong unit is everywhere
 
 
-@dataclass(frozen=True, eq=False)
-class BenchPoints:
-    """Points of one or more tables: channels and references in SI, each of shape (n,), and the digests of the files by name."""
+def read_bench(paths: Sequence[Path], air_path: base.AirPath) -> dict[str, Array]:
+    """Return the points of one or more tables: channels and references in SI, each of shape (n,).
 
-    columns: Mapping[str, Array]
-    digests: Mapping[str, str]
-
-
-def read_bench(paths: Sequence[Path], air_path: base.AirPath) -> BenchPoints:
-    """Return the points of bench tables; raises DataError for a table that the configured engine cannot be calibrated from."""
+    Raises DataError for a table that the configured engine cannot be calibrated from.
+    """
     tables = [_read(path, air_path) for path in paths]
     names = dict.fromkeys(name for table in tables for name in table)
     sizes = [table[REFERENCE].size for table in tables]
@@ -49,26 +44,24 @@ def read_bench(paths: Sequence[Path], air_path: base.AirPath) -> BenchPoints:
         for name in names
     }
     _refuse_few(", ".join(map(str, paths)), columns, air_path)
-    return BenchPoints(columns, {path.name: file_digest(path) for path in paths})
-
-
-def _wanted(air_path: base.AirPath) -> tuple[dict[str, str], dict[str, str]]:
-    """Return the units of the columns that a table needs, and of those that it may have."""
-    needed = {n: item.unit for n, item in air_path.channels.items() if n != air_path.sensor and item.one_of is None}
-    further = {n: item.unit for n, item in air_path.channels.items() if item.one_of is not None}
-    parts = {part.column: "kg/s" for part in air_path.measured_parts}
-    return needed | {REFERENCE: "kg/s"}, {DEVIATION: "kg/s", FUEL: "kg/s", LAMBDA: "1"} | parts | further
+    return columns
 
 
 def _read(path: Path, air_path: base.AirPath) -> dict[str, Array]:
-    needed, optional = _wanted(air_path)
+    every = air_path.channels
+    needed = {name: item.unit for name, item in every.items() if name != air_path.sensor and item.one_of is None}
+    needed |= {REFERENCE: "kg/s"}
+    optional = {DEVIATION: "kg/s", FUEL: "kg/s", LAMBDA: "1"} | {
+        part.column: "kg/s" for part in air_path.measured_parts
+    }
+    optional |= {name: item.unit for name, item in every.items() if item.one_of is not None}
     found = from_csv(path) if path.suffix.lower() == ".csv" else from_parquet(path, [*needed, *optional])
     for name, unit in needed.items():
         expect(path, found.schema, name, unit)
     wanted = {name: unit for name, unit in {**needed, **optional}.items() if name in found.column_names}
     table = {name: column_of(path, found, name, unit) for name, unit in wanted.items()}
     for name, values in table.items():
-        _refuse_impossible(path, name, values, air_path.channels.get(name))
+        _refuse_impossible(path, name, values, every.get(name))
     error = table.setdefault(DEVIATION, METER * np.abs(table[REFERENCE]))
     if not (error > 0.0).all():
         raise DataError(
@@ -80,10 +73,9 @@ def _read(path: Path, air_path: base.AirPath) -> dict[str, Array]:
 
 def from_parquet(path: Path, names: Sequence[str]) -> "pa.Table":
     """Return those of the named columns that are there, units in the metadata."""
-    metadata = metadata_of(path)
-    there = schema_of(path, metadata).names
-    refuse_huge(path, metadata.num_rows, len(names))
-    (table,) = tables_of(path, [name for name in names if name in there], max(metadata.num_rows, 1))
+    there, rows = schema_of(path).names, metadata_of(path).num_rows
+    refuse_huge(path, rows, len(names))
+    (table,) = tables_of(path, [name for name in names if name in there], max(rows, 1))
     return table
 
 
@@ -98,16 +90,15 @@ def from_csv(path: Path) -> "pa.Table":
         raise DataError(f"{path}: not a readable CSV table ({error}); export it as UTF-8 with commas") from None
     head = [found for line in lines if (found := HEAD.fullmatch(",".join(line)))]
     lines = [line for line in lines if not line[0].startswith("#")]
-    names = lines[0] if lines else []
-    units, *rows = [[*line, *[""] * len(names)][: len(names)] for line in [*lines[1:], *([] if lines[1:] else [[]])]]
-    names, units = [*names, *(found[1] for found in head)], [*units, *(found[3] or "1" for found in head)]
-    rows = [[*row, *(found[2] for found in head)] for row in rows]
-    columns = [_numbers([row[i] for row in rows]) for i in range(len(names))]
+    names, units = [*lines[:2], [], []][:2]
+    columns = [*zip_longest(names, units, *lines[2:], fillvalue="")][: len(names)]
+    columns += [(found[1], found[3] or "1", *[found[2]] * len(lines[2:])) for found in head]
+    arrays = [_numbers(cells) for _, _, *cells in columns]
     fields = [
-        pa.field(*item[:2], metadata={"unit": item[2]})
-        for item in zip(names, [c.type for c in columns], units, strict=True)
+        pa.field(name, cells.type, metadata={"unit": unit})
+        for (name, unit, *_), cells in zip(columns, arrays, strict=True)
     ]
-    return pa.table(columns, schema=pa.schema(fields))
+    return pa.table(arrays, schema=pa.schema(fields))
 
 
 def _numbers(cells: Sequence[str]) -> "pa.Array":

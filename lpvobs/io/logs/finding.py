@@ -10,7 +10,7 @@ from pathlib import Path
 
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.arrow import pq
-from lpvobs.io.logs.parquet import metadata_of, schema_of
+from lpvobs.io.logs.parquet import schema_of
 from lpvobs.io.logs.remote import RemotePath, log_path
 
 WILD = re.compile(r"[*?]|\[.+\]")
@@ -111,7 +111,7 @@ class Origins:
 
 def _own(path: Path) -> dict[str, str]:
     try:
-        held = schema_of(path, metadata_of(path)).metadata or {}
+        held = schema_of(path).metadata or {}
     except DataError:
         return {}
     return {k.decode(errors="replace"): v.decode(errors="replace") for k, v in held.items() if len(v) < 200}

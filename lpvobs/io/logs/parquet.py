@@ -1,6 +1,6 @@
 """Parquet logs: their own description, checked before memory is allocated; reading channels in SI; writing a log."""
 
-import os
+import io
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -9,13 +9,11 @@ import numpy as np
 
 from lpvobs.errors import DataError
 from lpvobs.io.arrow import pa, pc, pq
-from lpvobs.io.logs.remote import end_of, footer_of, parquet_file
+from lpvobs.io.logs.remote import footer_of, parquet_file
 from lpvobs.io.logs.units import convert
 from lpvobs.io.safety.atomic import replacing
 from lpvobs.records import Array
 
-MOST_FOOTER = 64 * 2**20
-"""[bytes] of a Parquet file's own description; a log of a hundred channels and a thousand hours has less."""
 MOST_COLUMNS = 10_000
 MOST_READINGS = 50_000_000
 """Rows times channels that are held in memory at once; a small file can claim any number of rows."""
@@ -28,26 +26,14 @@ def metadata_of(path: Path) -> "pq.FileMetaData":
     if not path.is_file():
         raise DataError(f"{path}: no such log; name a Parquet file")
     try:
-        _refuse_long_footer(path)
-        return pq.read_metadata(footer_of(path))
+        return pq.read_metadata(io.BytesIO(footer_of(path)))
     except (pa.ArrowException, OSError, ValueError) as error:
         raise unreadable(path, error) from None
 
 
-def _refuse_long_footer(path: Path) -> None:
-    """Raise for a description of more columns and row groups than a log has, before it is parsed."""
-    with end_of(path) as stream:
-        stream.seek(-min(8, path.stat().st_size), os.SEEK_END)
-        length = int.from_bytes(stream.read(4), "little")
-    if MOST_FOOTER < length < path.stat().st_size:
-        raise DataError(
-            f"{path}: the metadata of the file have {length} bytes, expected at most {MOST_FOOTER}; "
-            f"export fewer channels or larger row groups"
-        )
-
-
-def schema_of(path: Path, metadata: "pq.FileMetaData") -> "pa.Schema":
-    """Return the columns with their units; raises DataError where there are too many, or a name is not UTF-8."""
+def schema_of(path: Path) -> "pa.Schema":
+    """Return the columns with their units; raises DataError for no log, too many columns, or a name that is not UTF-8."""
+    metadata = metadata_of(path)
     if metadata.num_columns > MOST_COLUMNS:
         raise DataError(
             f"{path}: has {metadata.num_columns} columns, expected at most {MOST_COLUMNS}; export only the channels of the engine"
@@ -118,17 +104,9 @@ def write_log(
         pq.write_table(table, temporary, compression="zstd", row_group_size=1 << 16)
 
 
-def expect_channels(path: Path, units: Mapping[str, str]) -> "pa.Schema":
-    """Return the schema of a log; raises DataError unless each channel is there once and says its unit."""
-    schema = _schema(path)
-    for name, unit in units.items():
-        expect(path, schema, name, unit)
-    return schema
-
-
 def has_references(path: Path) -> bool:
     """Return whether a log knows the truth; raises DataError for a truth without unit."""
-    schema = _schema(path)
+    schema = schema_of(path)
     if not set(schema.names) >= set(REFERENCES):
         return False
     for name, unit in REFERENCES.items():
@@ -138,12 +116,7 @@ def has_references(path: Path) -> bool:
 
 def channel_units(path: Path) -> dict[str, str]:
     """Return the unit of every channel in a file, empty where it has none."""
-    return {field.name: _unit(field) for field in _schema(path)}
-
-
-def _schema(path: Path) -> "pa.Schema":
-    """Return the schema of a Parquet file, or say why it is not a log."""
-    return schema_of(path, metadata_of(path))
+    return {field.name: unit_of(field) for field in schema_of(path)}
 
 
 def expect(path: Path, schema: "pa.Schema", name: str, wanted: str) -> None:
@@ -155,14 +128,15 @@ def expect(path: Path, schema: "pa.Schema", name: str, wanted: str) -> None:
         raise DataError(
             f"{path}: channel '{name}' is {state}; expected once, in {wanted}; channels in the file: {present}"
         )
-    if not _unit(schema.field(found[0])):
+    if not unit_of(schema.field(found[0])):
         raise DataError(
             f"{path}: channel '{name}' has no unit; expected '{wanted}' or a unit that converts to it, "
             f"in the field's metadata under the key 'unit'"
         )
 
 
-def _unit(field: "pa.Field") -> str:
+def unit_of(field: "pa.Field") -> str:
+    """Return the unit of a channel, empty where it has none."""
     return str((field.metadata or {}).get(b"unit", b"").decode(errors="replace")).strip()
 
 
@@ -178,18 +152,9 @@ def column_of(path: Path, table: "pa.Table", name: str, wanted: str) -> Array:
             f"{path}: channel '{name}' holds {field.type}, expected numbers in {wanted}; export it as numbers"
         ) from None
     try:
-        return np.asarray(convert(values, _unit(field), wanted), dtype=float)
+        return np.asarray(convert(values, unit_of(field), wanted), dtype=float)
     except ValueError as error:
         raise DataError(f"{path}: channel '{name}': {error}; give this channel a unit of the expected kind") from None
-
-
-def further_channels(schema: "pa.Schema", needed: Mapping[str, str]) -> list[str]:
-    """Return the numeric channels that the air path does not need; references stay out."""
-
-    def wanted(field: "pa.Field") -> bool:
-        return is_numeric(field.type) and field.name not in needed and not field.name.startswith("ref_")
-
-    return [field.name for field in schema if wanted(field) and len(schema.get_all_field_indices(field.name)) == 1]
 
 
 def is_numeric(kind: "pa.DataType") -> bool:

@@ -5,6 +5,7 @@ quantisation do not do. They cannot see a wrong unit that leaves every reading p
 """
 
 from collections.abc import Iterator, Mapping
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -46,27 +47,27 @@ def usable_rows(
 
     Raises DataError for time that runs backward, where the policies do not drop it, and for an odd rate.
     """
-    keep, dropped = _usable(time, values, channels)
+    good = {"time": np.isfinite(time)} | {name: _possible(column, channels[name]) for name, column in values.items()}
+    dropped = {name: int(np.count_nonzero(~samples)) for name, samples in good.items()}
+    keep = np.logical_and.reduce(list(good.values()))
     rows, repeated = _increasing(path, time, np.flatnonzero(keep), policies, latest)
-    refuse_odd_rate(path, time[rows], policies.gap_limit)
+    _refuse_odd_rate(path, time[rows], policies.gap_limit)
+    t, kept = time[rows], {name: column[rows] for name, column in values.items()}
     findings = []
-    for finding, samples in list(spoiled(time[rows], {name: values[name][rows] for name in values}, channels)):
-        findings.append(finding)
-        dropped[finding.channel] += samples.size
-        keep[rows[samples]] = False
+    for name, channel in channels.items():
+        if not np.isfinite(channel.still) or t.size < 3:
+            continue
+        for kind, samples in (
+            ("stuck", _stuck(t, kept, channels, name)),
+            ("saturated", _saturated(kept[name], channel)),
+            ("spike", _spikes(t, kept[name], channel)),
+        ):
+            if samples.size:
+                findings.append(DefectFound(kind, name, samples.size, float(t[samples[0]]), "drop"))
+                dropped[name] += samples.size
+                keep[rows[samples]] = False
     lost = int(keep.size - np.count_nonzero(keep))
     return rows[keep[rows]], Defects(time.size, dropped, lost, repeated=repeated, findings=tuple(findings))
-
-
-def _usable(time: Array, values: Values, channels: Channels) -> tuple[Mask, dict[str, int]]:
-    """Return which rows are finite and physically possible in every channel, and how often each channel is not."""
-    keep = np.isfinite(time)
-    dropped = {"time": int(np.count_nonzero(~keep))}
-    for name, column in values.items():
-        possible = _possible(column, channels[name])
-        dropped[name] = int(np.count_nonzero(~possible))
-        keep &= possible
-    return keep, dropped
 
 
 def _increasing(path: Path, time: Array, rows: Rows, policies: LogPolicies, latest: float) -> tuple[Rows, int]:
@@ -97,14 +98,13 @@ def refuse_implausible(path: Path, values: Values, channels: Channels) -> None:
 
     The values, each of shape (N,), are those of the needed channels in the contract's units, NaN where the file has none.
     """
-    for name, channel in channels.items():
-        _refuse_dead(path, name, values, channels)
-        _refuse_channel(path, name, values[name], channel)
-    for name in channels:
-        _refuse_below(path, name, values, channels)
+    for rules in ((_dead, _impossible), (_too_low,)):
+        for name, rule in product(channels, rules):
+            if complaint := rule(name, values, channels):
+                raise DataError(f"{path}: channel '{name}' {complaint}")
 
 
-def refuse_odd_rate(path: Path, time: Array, gap_limit: float) -> None:
+def _refuse_odd_rate(path: Path, time: Array, gap_limit: float) -> None:
     """Raise DataError for time, shape (N,) [s] and increasing, in steps that only a wrong unit makes; `gap_limit` in s."""
     if time.size < 2:
         return
@@ -121,34 +121,20 @@ def refuse_odd_rate(path: Path, time: Array, gap_limit: float) -> None:
         )
 
 
-def spoiled(time: Array, values: Values, channels: Channels) -> Iterator[tuple[DefectFound, Rows]]:
-    """Yield what is stuck, saturated or spiked in finite values over increasing time [s], with the samples that it spoils."""
-    for name, channel in channels.items():
-        if not np.isfinite(channel.still) or time.size < 3:
-            continue
-        for kind, samples in (
-            ("stuck", _stuck(time, values, channels, name)),
-            ("saturated", _saturated(values[name], channel)),
-            ("spike", _spikes(time, values[name], channel)),
-        ):
-            if samples.size:
-                yield DefectFound(kind, name, samples.size, float(time[samples[0]]), "drop"), samples
-
-
-def _refuse_dead(path: Path, name: str, values: Values, channels: Channels) -> None:
-    """Refuse a sensor that follows nothing although the engine moves, as one does that is unplugged."""
+def _dead(name: str, values: Values, channels: Channels) -> str:
+    """Return what is wrong with a sensor that follows nothing although the engine moves, as one does that is unplugged."""
     follows = channels[name].follows
     chosen = np.logical_and.reduce([_possible(values[each], channels[each]) for each in (name, *follows)])
     if not follows or np.count_nonzero(chosen) <= 0.5 * chosen.size:  # else another rule says why
-        return
+        return ""
     column = values[name][chosen]
     others = [values[each][chosen] for each in follows if _spread(values[each][chosen], channels[each]) > MOVES]
     if not others or _spread(column, channels[name]) > RESTS:
-        return
+        return ""
     if column.std() > 0.0 and max(abs(np.corrcoef(column, other)[0, 1]) for other in others) > DEAD:
-        return
-    raise DataError(
-        f"{path}: channel '{name}' stays at {np.median(column):.4g} {channels[name].unit} and does not respond to changes of "
+        return ""
+    return (
+        f"stays at {np.median(column):.4g} {channels[name].unit} and does not respond to changes of "
         f"{', '.join(follows)}; the sensor is unplugged or dead; connect the sensor and record again"
     )
 
@@ -158,14 +144,9 @@ def _spread(column: Array, channel: Channel) -> float:
     return float(column.std() / np.ptp(channel.typical))
 
 
-def _refuse_channel(path: Path, name: str, column: Array, channel: Channel) -> None:
-    """Refuse a channel whose median, or many of whose readings, no working engine shows: a wrong unit or sign."""
-    complaint = _complaint(column[np.isfinite(column)], channel)
-    if complaint:
-        raise DataError(f"{path}: channel '{name}' {complaint}")
-
-
-def _complaint(finite: Array, channel: Channel) -> str:
+def _impossible(name: str, values: Values, channels: Channels) -> str:
+    """Return what is wrong with a median, or many readings, that no working engine shows: a wrong unit or sign."""
+    channel, finite = channels[name], values[name][np.isfinite(values[name])]
     unit = channel.unit
     if finite.size == 0:
         return f"has no numbers, expected readings in {unit}; record it again"
@@ -186,20 +167,21 @@ def _complaint(finite: Array, channel: Channel) -> str:
     return ""
 
 
-def _refuse_below(path: Path, name: str, values: Values, channels: Channels) -> None:
-    """Refuse a channel that reads less than what bounds it, such as exhaust gas that is colder than the air outside."""
+def _too_low(name: str, values: Values, channels: Channels) -> str:
+    """Return what is wrong with a channel below what bounds it, such as exhaust gas that is colder than the air outside."""
     channel = channels[name]
     if channel.above is None:
-        return
+        return ""
     other, slack = channel.above
     both = _possible(values[name], channel) & _possible(values[other], channels[other])  # what is not is dropped later
     lower = np.count_nonzero(values[name][both] < values[other][both] - slack)
     below = lower / max(int(np.count_nonzero(both)), 1)
-    if below > MOST_BELOW:
-        raise DataError(
-            f"{path}: channel '{name}' is more than {slack:g} {channel.unit} below '{other}' in {100 * below:.0f} % of the log; "
-            f"this happens on no engine; the unit of one of the two channels is probably wrong"
-        )
+    if below <= MOST_BELOW:
+        return ""
+    return (
+        f"is more than {slack:g} {channel.unit} below '{other}' in {100 * below:.0f} % of the log; "
+        f"this happens on no engine; the unit of one of the two channels is probably wrong"
+    )
 
 
 def _possible(column: Array, channel: Channel) -> Mask:

@@ -20,7 +20,7 @@ from lpvobs.io.arrow import pa
 from lpvobs.io.logs import parquet, plausibility
 from lpvobs.io.logs.policies import LogPolicies, together
 from lpvobs.io.logs.remote import log_digest
-from lpvobs.io.safety.atomic import refuse_changed, state_of
+from lpvobs.io.safety.atomic import state_of
 from lpvobs.records import Array, Defects, Log, Piece
 
 SLAB = 1 << 19  # rows that are held in memory at a time
@@ -45,12 +45,17 @@ class LogFile:
 
     def __init__(self, path: Path, channels: Mapping[str, Channel], policies: LogPolicies, threads: bool = True):
         self.path, self.name, self.policies, self.threads = path, path.stem, policies, threads
-        self.channels, self.absent = policies.limited(channels), lacking(path, channels)
+        self._state, self.schema = state_of(path), parquet.schema_of(path)
+        there = self.schema.names
+        self.absent = [name for name, item in channels.items() if item.one_of is not None and name not in there]
         for name in self.absent:
-            del self.channels[name]
+            if not channels[name].may_lack(there):
+                wanted = " or ".join(f"'{item}'" for item in (name, *(channels[name].one_of or ())))
+                raise DataError(f"{path}: the log has no channel {wanted}; record at least one of these channels, too")
+        self.channels = {name: item for name, item in policies.limited(channels).items() if name not in self.absent}
         self.units = {"time": "s"} | {name: channel.unit for name, channel in self.channels.items()}
-        self._state = state_of(path)
-        self.schema = parquet.expect_channels(path, self.units)
+        for name, unit in self.units.items():
+            parquet.expect(path, self.schema, name, unit)
         # which rows of each slab were used, eight in a byte, and what was found; complete once the pieces have been read
         self.kept: tuple[NDArray[np.uint8], ...] = ()
         self.defects, self._samples, self._latest = Defects(0), 0, -np.inf
@@ -82,7 +87,10 @@ class LogFile:
                 )
         self._refuse_poor()
         _ = self.sha256  # before the last look at the file, so that it is that of the bytes that were read
-        refuse_changed(self.path, self._state)
+        if state_of(self.path) != self._state:
+            raise DataError(
+                f"{self.path}: the file changed while it was read, expected a finished file; wait until the recording has ended"
+            )
 
     def _usable_rows(self, time: Array, values: Mapping[str, Array]) -> NDArray[np.int64]:
         try:
@@ -121,22 +129,13 @@ class LogFile:
             )
 
 
-def lacking(path: Path, channels: Mapping[str, Channel]) -> list[str]:
-    """Return the channels that a log may lack and does; raises DataError where it has none of some of which it needs one."""
-    there = parquet.channel_units(path)
-    absent = [name for name, item in channels.items() if item.one_of is not None and name not in there]
-    for name in absent:
-        if not channels[name].may_lack(there):
-            wanted = " or ".join(f"'{item}'" for item in (name, *(channels[name].one_of or ())))
-            raise DataError(f"{path}: the log has no channel {wanted}; record at least one of these channels, too")
-    return absent
-
-
 def read_log(path: Path, channels: Mapping[str, Channel], policies: LogPolicies, auxiliary: bool = False) -> Log:
     """Return the log in a Parquet file, in SI units, with defects treated as the policies say; raises DataError for no such log."""
     # The channels are what the engine's air path needs; `auxiliary` reads the other numeric ones, too, references never.
     file = LogFile(path, channels, policies)
-    extra = parquet.further_channels(file.schema, file.units) if auxiliary else []
+    once = (field for field in file.schema if auxiliary and len(file.schema.get_all_field_indices(field.name)) == 1)
+    numbers = {field.name: parquet.unit_of(field) for field in once if parquet.is_numeric(field.type)}
+    extra = [name for name in numbers if name not in file.units and not name.startswith("ref_")]
     parquet.refuse_huge(path, parquet.metadata_of(path).num_rows, len(file.units) + len(extra))
     (whole,) = file.slabs(extra, parquet.MOST_READINGS)
     piece = whole.piece
@@ -151,25 +150,16 @@ def read_log(path: Path, channels: Mapping[str, Channel], policies: LogPolicies,
         segments=tuple(zip(starts, [*starts[1:], piece.time.size], strict=True)),
         rows=whole.rows,
         defects=file.defects,
-        units={name: unit for name, unit in parquet.channel_units(path).items() if name in extra and unit},
+        units={name: numbers[name] for name in extra if numbers[name]},
     )
 
 
-@dataclass(frozen=True)
-class References:
-    """The truth behind a simulated log, at the samples of the log it belongs to."""
-
-    W_c: Array  # (N,) [kg/s], true flow
-    delta_W_c: Array  # (N,) [kg/s], the sensor's error surface at the true operating point
-
-
-def read_references(path: Path, rows: NDArray[np.int64]) -> References | None:
-    """Return the truth beside a log's samples, or None where the file has none."""
+def read_references(path: Path, rows: NDArray[np.int64]) -> dict[str, Array] | None:
+    """Return the truth at a log's samples, true flow and the sensor's error surface there, or None where the file has none."""
     if not parquet.has_references(path):
         return None
     (table,) = parquet.tables_of(path, list(parquet.REFERENCES), parquet.MOST_READINGS)
-    columns = [parquet.column_of(path, table, name, unit)[rows] for name, unit in parquet.REFERENCES.items()]
-    return References(*columns)
+    return {name: parquet.column_of(path, table, name, unit)[rows] for name, unit in parquet.REFERENCES.items()}
 
 
 def references(

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 Answer = TypeVar("Answer")
 PROTOCOL = re.compile(r"[a-z][a-z0-9+.-]+:")
+MOST_FOOTER = 64 * 2**20
+"""[bytes] of a Parquet file's own description; a log of a hundred channels and a thousand hours has less."""
 TAIL = 1 << 16
 """[bytes] read from the end at once; the footer of a log of ten channels and an hour has a fifth of it."""
 
@@ -74,16 +76,10 @@ class RemotePath(type(Path())):  # type: ignore[misc] # the class that `Path` ma
         """Return the object as a file from which only what is asked for is read."""
         return self._ask(lambda store, name: store.open(name, mode, cache_type="none"))
 
-    def end(self, least: int = TAIL) -> bytes:
+    def end(self, least: int) -> bytes:
         """Return the last bytes, at least so many if there are."""
         size, key = self._ask(lambda store, name: (int(store.size(name)), str(store.ukey(name))))
         return _end(self, max(size - least, 0), size, key)
-
-    def footer(self) -> bytes:
-        """Return a Parquet footer with its length and magic number, and what stands before it."""
-        end = self.end()
-        length = int.from_bytes(end[-8:-4], "little") + 8
-        return end if length <= len(end) else self.end(length)
 
     def matching(self) -> list["RemotePath"]:
         """Return the objects whose names fit the path, a pattern, in alphabetical order."""
@@ -93,16 +89,6 @@ class RemotePath(type(Path())):  # type: ignore[misc] # the class that `Path` ma
     def rglob(self, pattern: str, **_: Any) -> Iterator["RemotePath"]:
         """Yield what matches at any depth."""
         yield from (self / "**" / pattern).matching()
-
-    def digest(self) -> str:
-        """Return what a log is known by."""
-        footer = self.footer()
-        metadata, size = pq.read_metadata(io.BytesIO(footer)), self.stat().st_size
-        groups = [metadata.row_group(i) for i in range(metadata.num_row_groups)]
-        if not all(group.column(i).is_stats_set for group in groups for i in range(metadata.num_columns)):
-            return file_digest(self)
-        length = int.from_bytes(footer[-8:-4], "little") + 8
-        return hashlib.sha256(b"%d %b" % (size, footer[-length:])).hexdigest()
 
 
 @lru_cache(maxsize=16)  # several look at the footer of a log, one after the other
@@ -115,23 +101,41 @@ def log_path(path: Path) -> Path:
     return RemotePath(*path.parts) if len(path.parts) > 1 and PROTOCOL.fullmatch(path.parts[0]) else path
 
 
+def footer_of(path: Path) -> bytes:
+    """Return a Parquet footer with its length and magic number, and what stands before it; DataError for one that is too long."""
+    end = _last(path, TAIL)
+    length, size = int.from_bytes(end[-8:-4], "little"), path.stat().st_size
+    if MOST_FOOTER < length < size:
+        raise DataError(
+            f"{path}: the metadata of the file have {length} bytes, expected at most {MOST_FOOTER}; "
+            f"export fewer channels or larger row groups"
+        )
+    return end if length + 8 <= len(end) else _last(path, length + 8)
+
+
+def _last(path: Path, least: int) -> bytes:
+    if isinstance(path, RemotePath):
+        return path.end(least)
+    with path.open("rb") as stream:
+        stream.seek(max(path.stat().st_size - least, 0))
+        return stream.read()
+
+
 def log_digest(path: Path) -> str:
     """Return what a log is known by: the SHA-256 of its bytes on a disk, of size and footer in a store."""
-    return path.digest() if isinstance(path, RemotePath) else file_digest(path)
-
-
-def end_of(path: Path) -> IO[bytes]:
-    """Return the end of a file, or all of it, to seek in from there."""
-    return io.BytesIO(path.end()) if isinstance(path, RemotePath) else path.open("rb")
-
-
-def footer_of(path: Path) -> Any:
-    """Return what pyarrow reads a log's own description from."""
-    return io.BytesIO(path.footer()) if isinstance(path, RemotePath) else path
+    if not isinstance(path, RemotePath):
+        return file_digest(path)
+    footer = footer_of(path)
+    metadata, size = pq.read_metadata(io.BytesIO(footer)), path.stat().st_size
+    groups = [metadata.row_group(i) for i in range(metadata.num_row_groups)]
+    if not all(group.column(i).is_stats_set for group in groups for i in range(metadata.num_columns)):
+        return file_digest(path)
+    length = int.from_bytes(footer[-8:-4], "little") + 8
+    return hashlib.sha256(b"%d %b" % (size, footer[-length:])).hexdigest()
 
 
 def parquet_file(path: Path) -> "pq.ParquetFile":
     """Return an open log, of which whole columns are read at a time from a store, and a piece of them from a disk."""
     if isinstance(path, RemotePath):
-        return pq.ParquetFile(path.open(), metadata=pq.read_metadata(footer_of(path)), pre_buffer=False)
+        return pq.ParquetFile(path.open(), metadata=pq.read_metadata(io.BytesIO(footer_of(path))), pre_buffer=False)
     return pq.ParquetFile(path, buffer_size=1 << 20, pre_buffer=False)

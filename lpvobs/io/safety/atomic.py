@@ -138,11 +138,3 @@ def state_of(path: Path) -> tuple[int, ...]:
     except OSError:
         return ()
     return (found.st_ino, found.st_size, found.st_mtime_ns)
-
-
-def refuse_changed(path: Path, before: tuple[int, ...]) -> None:
-    """Raise DataError if somebody has written to a file since its state was `before`."""
-    if state_of(path) != before:
-        raise DataError(
-            f"{path}: the file changed while it was read, expected a finished file; wait until the recording has ended"
-        )

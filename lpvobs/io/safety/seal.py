@@ -46,19 +46,14 @@ def _damage(path: str, inode: int, size: int, changed: int) -> str:
         file.seek(max(size - LENGTH, 0))
         tail = file.read(LENGTH)
         if not (tail.startswith(HEAD) and tail.endswith(b"\n")):
-            return _probe(Path(path))
+            said = answer("lpvobs.io.safety.seal", Path(path), SECONDS, BYTES).decode(errors="replace").strip()
+            return "" if said == WHOLE else said or "HDF5 fails to read it, or takes too long"
         file.seek(0)
         hashed = hashlib.sha256()
         for place in range(0, size - LENGTH, BLOCK):
             hashed.update(file.read(min(BLOCK, size - LENGTH - place)))
     sound = hashed.hexdigest().encode() == tail[len(HEAD) : -1]
     return "" if sound else "its checksum does not match its content"
-
-
-def _probe(path: Path) -> str:
-    """Return why a process of its own could not read the whole file, or nothing."""
-    said = answer("lpvobs.io.safety.seal", path, SECONDS, BYTES).decode(errors="replace").strip()
-    return "" if said == WHOLE else said or "HDF5 fails to read it, or takes too long"
 
 
 MOST_OBJECTS = 1_000_000
@@ -69,31 +64,29 @@ grows with its vehicles and unpacks to less than twice itself; what is packed to
 
 def expect_self_contained(file: h5py.File, name: str, remedy: str) -> None:
     """Raise DataError unless a file holds everything itself, and unpacks to a reasonable size."""
-    # Links are looked at, never followed: otherwise this program would read whatever the file's writer names.
+    # Links are looked at, and only those within the file followed: others lead to whatever the file's writer names.
     links = 0
     total = 0
     most = max(MOST_BYTES, MOST_TIMES * file.id.get_filesize())
 
     def look(path: bytes, info: h5py.h5l.LinkInfo) -> str | None:
-        nonlocal links
+        nonlocal links, total
         links += 1
+        where = f"'{path.decode(errors='replace')}'"
         if info.type != h5py.h5l.TYPE_HARD:
-            return f"'{path.decode(errors='replace')}' is a link to another place"
-        return f"it has more than {MOST_OBJECTS} objects" if links > MOST_OBJECTS else None
-
-    def measure(path: bytes, info: h5py.h5o.ObjInfo) -> str | None:
-        nonlocal total
-        if info.type != h5py.h5o.TYPE_DATASET:
-            return None
-        dataset = h5py.h5d.open(file.id, path)
-        properties = dataset.get_create_plist()
-        if properties.get_layout() == h5py.h5d.VIRTUAL or properties.get_external_count():
-            return f"'{path.decode(errors='replace')}' stores its numbers in another file"
-        total += dataset.get_space().get_simple_extent_npoints() * dataset.get_type().get_size()
+            return f"{where} is a link to another place"
+        if links > MOST_OBJECTS:
+            return f"it has more than {MOST_OBJECTS} objects"
+        dataset = h5py.h5o.open(file.id, path)
+        if isinstance(dataset, h5py.h5d.DatasetID):
+            properties = dataset.get_create_plist()
+            if properties.get_layout() == h5py.h5d.VIRTUAL or properties.get_external_count():
+                return f"{where} stores its numbers in another file"
+            total += dataset.get_space().get_simple_extent_npoints() * dataset.get_type().get_size()
         return f"it unpacks to more than {most} bytes" if total > most else None
 
     try:
-        reason = file.id.links.visit(look, info=True) or h5py.h5o.visit(file.id, measure, info=True)
+        reason = file.id.links.visit(look, info=True)
     except (RuntimeError, KeyError, OSError, ValueError, TypeError) as error:
         raise DataError(f"{name}: damaged ({error}); {remedy}") from None
     if reason:

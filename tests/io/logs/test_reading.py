@@ -94,8 +94,8 @@ def test_references_lie_beside_the_samples_that_were_kept(write, columns, read):
     log = read(path)
     found = read_references(path, log.rows)
     kept = np.delete(np.arange(200.0), [3, 50])
-    np.testing.assert_allclose(found.W_c, 0.01 * kept, rtol=1e-14)  # conversion rounds once or twice
-    np.testing.assert_allclose(found.delta_W_c, 1e-3 * kept, rtol=1e-14)
+    np.testing.assert_allclose(found["ref_W_c"], 0.01 * kept, rtol=1e-14)  # conversion rounds once or twice
+    np.testing.assert_allclose(found["ref_delta_W_c"], 1e-3 * kept, rtol=1e-14)
 
 
 def test_half_a_truth_is_none(write, columns):
