@@ -54,6 +54,7 @@ def report(
     from lpvobs.api.compare import region_of
     from lpvobs.api.write_report import kind_of, make_report
     from lpvobs.report import tables
+    from lpvobs.report.discovered import sentence
     from lpvobs.report.gates import enforce
 
     if (kind := kind_of(result)) in ("engine", "fleet"):
@@ -71,18 +72,17 @@ def report(
     if as_json:
         print_json("report", done.content)
     else:
-        print(table(*tables.told(tables.report_rows(done.results)), labels=3))
-        for coefficients in tables.coefficient_tables(done.results, tables.beside_paper(done.results)):
+        named = done.report.named
+        print(table(*tables.told(tables.report_rows(named)), labels=3))
+        for coefficients in tables.coefficient_tables(named, tables.beside_paper(named)):
             print("\n" + table(*coefficients))
         if done.content.fits:
             print("\n" + table(*tables.fit_rows(done.content.fits), labels=3))
         for mean in done.content.regions:
             print("\n" + tables.region_line(mean))
-        if done.told:
-            print("\n" + "\n".join(visible(line) for line in done.told))
-        print(
-            "\n" + "\n".join(visible(f"gain of {name}: {tables.gain_line(item.gain)}") for name, item in done.results)
-        )
+        if found := [f"{view.name}: {sentence(item)}" for view in done.report.results for item in view.discovered]:
+            print("\n" + "\n".join(map(visible, found)))
+        print("\n" + "\n".join(visible(f"gain of {name}: {tables.gain_line(item.gain)}") for name, item in named))
     enforce(done.verdicts)
     leave(done.content.refused)
 

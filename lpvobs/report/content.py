@@ -27,6 +27,7 @@ from lpvobs.records import Array, Log
 from lpvobs.report.discovered import Discovered, read_discovered
 from lpvobs.report.fit import ResidualFit
 from lpvobs.report.names import cycle_title, distinct, paper_error
+from lpvobs.report.outputs import RegionMean
 
 SEEN = 0.1
 """[s], how long a drive must inform a node for the fit to the references to show a value there."""
@@ -125,6 +126,7 @@ class Report:
     paths: Mapping[str, Path]
     drives: Mapping[str, Drive]
     fits: tuple[ResidualFit, ...] = ()  # how well the results follow the logs that were given
+    regions: tuple[RegionMean, ...] = ()
 
     @property
     def named(self) -> list[tuple[str, StoredResult]]:

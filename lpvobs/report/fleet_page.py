@@ -30,7 +30,7 @@ def fleet_page(name: str, fleet: StoredFleet) -> str:
         where = f"{cell.seconds:.0f} s each at {spelled(cell.speed, speed)}"
         cells[cell.vehicle].setdefault(where, []).append(f"{cell.fuel:g}")
     return rendered(
-        "fleet.html.j2",
+        "fleet.html",
         name=name,
         fleet=fleet,
         fuel=fuel,

@@ -1,14 +1,13 @@
 """Content and figures into self-contained HTML pages: the templates say what stands where, this module what they may ask for."""
 
 import re
-from collections.abc import Sequence
 from typing import Any
 
-import jinja2
 import numpy as np
 
 from lpvobs import __version__
 from lpvobs.engines.registry import ENGINES
+from lpvobs.io.templates import filled
 from lpvobs.maps.excitation import Plan, plan
 from lpvobs.report import (
     courses,
@@ -23,16 +22,16 @@ from lpvobs.report import (
     tables,
 )
 from lpvobs.report.content import Report, ResultView
-from lpvobs.report.outputs import RegionMean
 
 _NOT_SHOWN = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
 """What names from files may hold and a page may not: controls, letters that turn the direction of others, halves of letters."""
+
 
 ASKED = courses, discovered, engine_figures, engines, figures, fleets, names, residual_figures, spoken, tables
 """What the templates call by name."""
 
 
-def page(report: Report, regions: Sequence[RegionMean] = ()) -> str:
+def page(report: Report) -> str:
     """Return the page as text; the same content gives the same text."""
     named, cycles = report.named, report.cycles
     widest = max((stored for _, stored in named), key=lambda stored: len(stored.gain.log_bounds))
@@ -42,11 +41,11 @@ def page(report: Report, regions: Sequence[RegionMean] = ()) -> str:
     plans = [(f"p{number}", view, plan_of(view)) for number, view in enumerate(report.results)]
     logs = {log.sha256: log for _, stored in named for log in stored.logs}
     return rendered(
-        "report.html.j2",
+        "report.html",
         report=report,
         cycles=cycles,
         given=[cycle for cycle in cycles if cycle.drive is not None],
-        regions=regions,
+        regions=report.regions,
         paper=paper,
         referenced=any(log.metrics is not None for _, stored in named for log in stored.logs),
         driving=[(name, view, found) for name, view, found in plans if found is not None and found.cells],
@@ -61,16 +60,8 @@ def page(report: Report, regions: Sequence[RegionMean] = ()) -> str:
 
 def rendered(template: str, **content: Any) -> str:
     """Return a page, or a part of one, without what a browser would obey instead of showing."""
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("lpvobs.report"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.globals |= {module.__name__.rpartition(".")[2]: module for module in ASKED}
-    environment.globals |= {"ENGINES": ENGINES, "version": __version__}
-    environment.filters |= {
+    asked = {module.__name__.rpartition(".")[2]: module for module in ASKED}
+    filters = {
         "percent": tables.percent,
         "grams": tables.grams,
         "chance": spoken.chance,
@@ -79,7 +70,16 @@ def rendered(template: str, **content: Any) -> str:
         "cycle": names.cycle_title,
         "significant": lambda value, digits: f"{value:.{digits}g}",
     }
-    return _NOT_SHOWN.sub("\ufffd", environment.get_template(template).render(content))
+    text = filled(
+        "lpvobs.report.templates",
+        template,
+        filters,
+        markup=True,
+        ENGINES=ENGINES,
+        version=__version__,
+        **asked | content,
+    )
+    return _NOT_SHOWN.sub("\ufffd", text)
 
 
 def plan_of(view: ResultView) -> Plan | None:
