@@ -140,7 +140,7 @@ def report_fleet(fleet: File, *, html: File | None = None) -> StoredFleet:
     path = as_path(fleet)
     stored = read_fleet(path)
     if html is not None:
-        from lpvobs.report.fleet_page import fleet_page
+        from lpvobs.report.page import fleet_page
 
         write_text(html, fleet_page(path.stem, stored), [path])
     return stored
