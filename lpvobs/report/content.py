@@ -113,9 +113,7 @@ class CycleView:
     results: tuple[ResultView, ...]
     printed: bool  # whether the paper prints an error for this cycle, and the log knows its own
     drive: Drive | None = None
-    estimates: tuple[
-        Array, ...
-    ] = ()  # (N,) [kg/s] of each result, the map along the drive, NaN where it was not estimated
+    estimates: tuple[Array, ...] = ()  # (N,) [kg/s] of each result along the drive, NaN where the map is not estimated
 
 
 @dataclass(frozen=True)

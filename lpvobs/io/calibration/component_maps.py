@@ -63,7 +63,7 @@ def _from_table(path: Path, known: ComponentMap) -> tuple[dict[str, Array], floa
                 f"{path}: value '{name}' ({within.what}) is missing; give it as a column, "
                 f"or as a line '# {name} = VALUE {within.unit}' above the column names"
             )
-    form = forms[0] | {TOLERANCE: constants.Within(1e-4, 0.5, "1", "tolerance of a table")}
+    form = {**forms[0], TOLERANCE: constants.Within(1e-4, 0.5, "1", "tolerance of a table")}
     columns = {
         name: column_of(path, found, name, within.unit) for name, within in form.items() if name in found.column_names
     }
