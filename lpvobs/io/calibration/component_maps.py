@@ -68,7 +68,8 @@ def _from_table(path: Path, known: ComponentMap) -> tuple[dict[str, Array], floa
         name: column_of(path, found, name, within.unit) for name, within in form.items() if name in found.column_names
     }
     _refuse_impossible(path, columns, form)
-    return columns, float(columns.pop(TOLERANCE, [known.tolerance])[0])
+    tolerance = columns.pop(TOLERANCE, [known.tolerance])
+    return columns, float(tolerance[0])
 
 
 def _from_dcm(path: Path, label: str, known: ComponentMap) -> tuple[dict[str, Array], float]:
