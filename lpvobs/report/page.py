@@ -2,7 +2,7 @@
 
 import re
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -117,7 +117,7 @@ def rendered(template: str, **content: Any) -> str:
     """Return a page, or a part of one, without what a browser would obey instead of showing."""
     values = {module.__name__.rpartition(".")[2]: module for module in ASKED}
     values |= {"ENGINES": ENGINES, "version": __version__} | content
-    filters = {
+    filters: dict[str, Callable[..., Any]] = {
         "percent": tables.percent,
         "grams": tables.grams,
         "chance": spoken.chance,
