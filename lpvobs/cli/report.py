@@ -54,7 +54,6 @@ def report(
     from lpvobs.api.compare import region_of
     from lpvobs.api.write_report import kind_of, make_report
     from lpvobs.report import tables
-    from lpvobs.report.discovered import sentence
     from lpvobs.report.gates import enforce
 
     if (kind := kind_of(result)) in ("engine", "fleet"):
@@ -80,8 +79,8 @@ def report(
             print("\n" + table(*tables.fit_rows(done.content.fits), labels=3))
         for mean in done.content.regions:
             print("\n" + tables.region_line(mean))
-        if found := [f"{view.name}: {sentence(item)}" for view in done.report.results for item in view.discovered]:
-            print("\n" + "\n".join(map(visible, found)))
+        if done.report.sentences:
+            print("\n" + "\n".join(map(visible, done.report.sentences)))
         print("\n" + "\n".join(visible(f"gain of {name}: {tables.gain_line(item.gain)}") for name, item in named))
     enforce(done.verdicts)
     leave(done.content.refused)

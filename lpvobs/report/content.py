@@ -24,7 +24,7 @@ from lpvobs.maps.excitation import excitation
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import best_fit
 from lpvobs.records import Array, Log
-from lpvobs.report.discovered import Discovered, read_discovered
+from lpvobs.report.discovered import Discovered, read_discovered, sentence
 from lpvobs.report.fit import ResidualFit
 from lpvobs.report.names import cycle_title, distinct, paper_error
 from lpvobs.report.outputs import RegionMean
@@ -130,6 +130,11 @@ class Report:
     def named(self) -> list[tuple[str, StoredResult]]:
         """The results as stored, each under a name of its own."""
         return [(view.name, view.stored) for view in self.results]
+
+    @property
+    def sentences(self) -> list[str]:
+        """What `trace` and `refine` have found on each result."""
+        return [f"{view.name}: {sentence(item)}" for view in self.results for item in view.discovered]
 
     @property
     def cycles(self) -> list[CycleView]:

@@ -7,6 +7,7 @@ import pytest
 
 from lpvobs.discovery.outcome import Ranked
 from lpvobs.discovery.whiteness import Leftover, Stretch
+from lpvobs.report.content import Report, ResultView
 from lpvobs.report.discovered import Discovered, candidate_rows, error_rows, sentence
 from lpvobs.report.page import rendered
 from lpvobs.report.residual_figures import ranking_bars
@@ -51,6 +52,7 @@ def test_an_effect_is_told_with_size_interval_time_and_what_it_bought(refined):
     assert said.startswith(f"{lag} (maf.delay explains this as well).")
     assert "from 0.250 to 0.150 g/s rms, which is 60.0 % of the value before (90 %: 50.0 % to 70.0 %)" in said
     assert sentence(replace(refined, verb="trace")).startswith(lag)
+    assert Report((ResultView("r", None, (refined,)),), {}, {}).sentences == [f"r: {said}"]
 
 
 def test_nothing_and_something_without_a_name(refined):
