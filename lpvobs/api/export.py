@@ -14,7 +14,7 @@ from lpvobs.io.logs.units import canonical
 from lpvobs.io.results import surfaces
 from lpvobs.io.results.hdf import reading
 from lpvobs.io.results.results import KIND, REMEDY
-from lpvobs.io.safety.atomic import file_digest
+from lpvobs.io.safety.atomic import file_digest, replacing
 
 FORMATS = ("dcm", "cdfx", "csv", "netcdf", "lab")
 SOURCES = ("map", "extrapolation")
@@ -88,7 +88,7 @@ def export(
         if file_format == "lab":
             with reading(path, KIND, REMEDY) as file:
                 engine = ENGINES[str(file.attrs["air_path"])]
-            exchange.write_lab(target, [name], [*engine.air_path.channels])
+            _write(target, exchange.lab_text([name], [*engine.air_path.channels]), dcm.ENCODING)
             return Exported(surfaces.read_surface(path, values), None, 0.0)
         most = widest * surfaces.mean_flow(path)
         surface = surfaces.read_surface(path, values)
@@ -99,9 +99,11 @@ def export(
         known = files.described(described, its, meant) if described and its else None
         known = known if before is None or was is None else files.understood(before, was, meant)
         if known is not None:
-            surface = surfaces.onto(surface, known.x, known.y)
+            surface = surfaces.onto(surface, known.ours.x, known.ours.y)
         surface = _in_unit(path, surface.without_wide(most), unit)
-        surface = surfaces.keep_old(surface, None if was is None or known is None else known.values, only_estimated)
+        surface = surfaces.keep_old(
+            surface, None if was is None or known is None else known.ours.values.T, only_estimated
+        )
         comments = _comments(path, surface, before)
         if left := int((surface.origin == surfaces.LEFT_OUT).sum()):
             comments.append(
@@ -110,7 +112,7 @@ def export(
             )
         limited = 0
         if file_format == "csv":
-            files.write_csv(target, surface, digits)
+            _write(target, files.csv_text(surface, digits), "utf-8")
         elif file_format == "netcdf":
             files.write_netcdf(target, surface, comments)
         else:
@@ -125,10 +127,17 @@ def export(
                 comments.append(
                     f"{limited} values clipped to the control unit's limits {its.lower:g} to {its.upper:g} {its.unit}"
                 )
-            write = files.write_dcm if file_format == "dcm" else exchange.write_cdfx
-            write(target, item, digits, comments)
+            if file_format == "dcm":
+                _write(target, dcm.dcm_text(item, digits, comments), dcm.ENCODING)
+            else:
+                _write(target, exchange.cdfx_text(item, digits, comments), "utf-8")
     changed = None if was is None or known is None else files.changes(surface, known, digits)
     return Exported(surface, changed, most, limited)
+
+
+def _write(path: Path, text: str, encoding: str) -> None:
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding=encoding, errors="replace", newline="")
 
 
 def _given_unit(its: A2lMap | None, old: dcm.DcmMap | None) -> str:

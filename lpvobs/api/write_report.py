@@ -24,12 +24,10 @@ from lpvobs.io.results.provenance import Provenance
 from lpvobs.io.results.refinements import StoredRefinement
 from lpvobs.io.results.results import StoredResult, read_beside
 from lpvobs.io.results.surfaces import read_surface
-from lpvobs.io.safety.atomic import replacing
-from lpvobs.report.content import load
-from lpvobs.report.discovered import sentences
+from lpvobs.report.content import Report, load
 from lpvobs.report.engines import CalibrateOutput, told
 from lpvobs.report.fit import ResidualFit, fit_along
-from lpvobs.report.gates import Verdict, enforce, judge, parse_gate
+from lpvobs.report.gates import Verdict, enforce, judge, junit_xml, parse_gate
 from lpvobs.report.outputs import RegionMean, ReportOutput
 from lpvobs.report.reported import report_output
 
@@ -68,8 +66,7 @@ def write_report(
 class Reported:
     """What a report says."""
 
-    results: tuple[tuple[str, StoredResult], ...]  # each under a name of its own
-    told: tuple[str, ...]  # what `trace` and `refine` have found on them, in sentences
+    report: Report
     content: ReportOutput  # the object that `lpvobs report --json` prints, without its schema
     verdicts: tuple[Verdict, ...]  # of every gate on every log
 
@@ -102,10 +99,9 @@ def make_report(
             if log.sha256 in report.paths
             for fit in fits_of(name, stored, report.paths[log.sha256])
         ]
-        report = replace(report, fits=tuple(fits))
+        regions = [] if region is None else [_mean_over(name, item.path, region) for name, item in report.named]
+        report = replace(report, fits=tuple(fits), regions=tuple(regions))
         content = report_output(report)
-        if region is not None:
-            content = replace(content, regions=[_mean_over(name, item.path, region) for name, item in report.named])
         if page is not None:
             try:
                 from lpvobs.report.page import page as made
@@ -114,15 +110,11 @@ def make_report(
                 raise UsageError(
                     f"matplotlib: {said}; unset the variable MPLBACKEND, which the page does not need"
                 ) from None
-            with replacing(page) as temporary:
-                temporary.write_text(made(report, content.regions), encoding="utf-8")
+            write_text(page, made(report), paths)
         verdicts = judge(conditions, content.logs, content.results)
         if suite is not None:
-            from lpvobs.report.junit import write_junit
-
-            write_junit(suite, verdicts, content.refused)
-    told = sentences([(view.name, view.discovered) for view in report.results])
-    return Reported(tuple(report.named), tuple(told), content, verdicts)
+            write_text(suite, junit_xml(verdicts, content.refused), paths)
+    return Reported(report, content, verdicts)
 
 
 def _mean_over(name: str, path: Path, region: Mapping[str, tuple[float, float]]) -> RegionMean:
@@ -148,7 +140,7 @@ def report_fleet(fleet: File, *, html: File | None = None) -> StoredFleet:
     path = as_path(fleet)
     stored = read_fleet(path)
     if html is not None:
-        from lpvobs.report.fleet_page import fleet_page
+        from lpvobs.report.page import fleet_page
 
         write_text(html, fleet_page(path.stem, stored), [path])
     return stored
@@ -164,7 +156,7 @@ def report_engine(engine: File, *, html: File | None = None) -> CalibrateOutput:
     if html is not None:
         from lpvobs.report.page import rendered
 
-        write_text(html, rendered("engine.html.j2", name=path.name, stored=stored, found=found), [path])
+        write_text(html, rendered("engine.html", name=path.name, stored=stored, found=found), [path])
     return found
 
 

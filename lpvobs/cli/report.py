@@ -71,18 +71,17 @@ def report(
     if as_json:
         print_json("report", done.content)
     else:
-        print(table(*tables.told(tables.report_rows(done.results)), labels=3))
-        for coefficients in tables.coefficient_tables(done.results, tables.beside_paper(done.results)):
+        named = done.report.named
+        print(table(*tables.told(tables.report_rows(named)), labels=3))
+        for coefficients in tables.coefficient_tables(named, tables.beside_paper(named)):
             print("\n" + table(*coefficients))
         if done.content.fits:
             print("\n" + table(*tables.fit_rows(done.content.fits), labels=3))
         for mean in done.content.regions:
             print("\n" + tables.region_line(mean))
-        if done.told:
-            print("\n" + "\n".join(visible(line) for line in done.told))
-        print(
-            "\n" + "\n".join(visible(f"gain of {name}: {tables.gain_line(item.gain)}") for name, item in done.results)
-        )
+        if done.report.sentences:
+            print("\n" + "\n".join(map(visible, done.report.sentences)))
+        print("\n" + "\n".join(visible(f"gain of {name}: {tables.gain_line(item.gain)}") for name, item in named))
     enforce(done.verdicts)
     leave(done.content.refused)
 

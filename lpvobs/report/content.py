@@ -24,9 +24,10 @@ from lpvobs.maps.excitation import excitation
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import best_fit
 from lpvobs.records import Array, Log
-from lpvobs.report.discovered import Discovered, read_discovered
+from lpvobs.report.discovered import Discovered, read_discovered, sentence
 from lpvobs.report.fit import ResidualFit
 from lpvobs.report.names import cycle_title, distinct, paper_error
+from lpvobs.report.outputs import RegionMean
 
 SEEN = 0.1
 """[s], how long a drive must inform a node for the fit to the references to show a value there."""
@@ -112,9 +113,7 @@ class CycleView:
     results: tuple[ResultView, ...]
     printed: bool  # whether the paper prints an error for this cycle, and the log knows its own
     drive: Drive | None = None
-    estimates: tuple[
-        Array, ...
-    ] = ()  # (N,) [kg/s] of each result, the map along the drive, NaN where it was not estimated
+    estimates: tuple[Array, ...] = ()  # (N,) [kg/s] of each result along the drive, NaN where the map is not estimated
 
 
 @dataclass(frozen=True)
@@ -125,11 +124,17 @@ class Report:
     paths: Mapping[str, Path]
     drives: Mapping[str, Drive]
     fits: tuple[ResidualFit, ...] = ()  # how well the results follow the logs that were given
+    regions: tuple[RegionMean, ...] = ()
 
     @property
     def named(self) -> list[tuple[str, StoredResult]]:
         """The results as stored, each under a name of its own."""
         return [(view.name, view.stored) for view in self.results]
+
+    @property
+    def sentences(self) -> list[str]:
+        """What `trace` and `refine` have found on each result."""
+        return [f"{view.name}: {sentence(item)}" for view in self.results for item in view.discovered]
 
     @property
     def cycles(self) -> list[CycleView]:

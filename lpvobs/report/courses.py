@@ -16,9 +16,7 @@ from lpvobs.report.figures import ESTIMATE, GRAMS, READING
 from lpvobs.report.svg import INK, drawn, label_of
 
 DRAWN = 250  # most columns of a figure
-TOLD = (
-    3000  # most columns for the script: more than ten times what a figure has, so that a zoom still shows every extreme
-)
+TOLD = 3000  # most columns for the script: over ten times those of a figure, so that a zoom still shows every extreme
 FEWEST = 4  # samples of a column on average, at least
 COLOURS = (READING, ESTIMATE, "#3b8f4e", "#8f5fbf", "#b03060", "#8a7a10")
 """Of the traces of a pane but the truth, as in the script."""

@@ -1,7 +1,7 @@
 """What a result says of its residual: the outcome of `trace` and `refine`, read back for the page."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -74,11 +74,6 @@ def sentence(found: Discovered) -> str:
         f"{said} With {them} in the model, the held-out residual goes from {grams(error['before'])} to {grams(error['after'])} g/s "
         f"rms, which is {percent(error['ratio'], 1)} of the value before (90 %: {percent(low, 1)} to {percent(high, 1)})."
     )
-
-
-def sentences(results: Sequence[tuple[str, Sequence[Discovered]]]) -> list[str]:
-    """Return the verdicts on named results in words, none for a result that neither verb has looked at."""
-    return [f"{name}: {sentence(item)}" for name, found in results for item in found]
 
 
 def where(left: Leftover | None) -> str:

@@ -1,4 +1,4 @@
-"""Gates: conditions on metrics that every log of a report has to meet."""
+"""Gates: conditions on metrics that every log of a report has to meet; their verdicts as JUnit XML, which CI systems show."""
 
 import difflib
 import math
@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from lpvobs.errors import DataError, NotProven, UsageError
+from lpvobs.io.templates import filled
 from lpvobs.report.outputs import ReportedLog, ReportedResult, metrics_of
 
 METRICS = metrics_of(ReportedLog)
@@ -23,7 +24,9 @@ RELATIONS: Mapping[str, Callable[[Any, Any], bool]] = {
     "<": operator.lt,
     ">": operator.gt,
 }
-SHAPE = re.compile(r"\s*(?P<metric>\w+)\s*(?P<relation><=|>=|==|!=|<|>)\s*(?P<limit>\S+)\s*")
+SHAPE = re.compile(rf"\s*(?P<metric>\w+)\s*(?P<relation>{'|'.join(RELATIONS)})\s*(?P<limit>\S+)\s*")
+_NOT_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+"""What XML 1.0 cannot hold, not even escaped; names of files may."""
 
 
 @dataclass(frozen=True)
@@ -119,6 +122,12 @@ def enforce(verdicts: Sequence[Verdict]) -> None:
         raise NotProven(f"gate failed: {_first_of(failed)}; estimate from more or better data, or relax the gate")
     if missing:
         raise DataError(f"gate cannot be judged: {_first_of(missing)}; provide what is missing, or remove the gate")
+
+
+def junit_xml(verdicts: Sequence[Verdict], refused: Sequence[str] = ()) -> str:
+    """Return JUnit XML: one suite per result, and one test case per log and gate."""
+    text = filled("lpvobs.report.templates", "junit.xml", {}, markup=True, verdicts=verdicts, refused=refused)
+    return _NOT_XML.sub("\ufffd", text) + "\n"
 
 
 def _finite(value: float | str | None) -> float | str | None:

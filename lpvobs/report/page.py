@@ -1,14 +1,18 @@
 """Content and figures into self-contained HTML pages: the templates say what stands where, this module what they may ask for."""
 
 import re
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Callable, Mapping
 from typing import Any
 
-import jinja2
 import numpy as np
 
 from lpvobs import __version__
+from lpvobs.engines.base import MapAxis
 from lpvobs.engines.registry import ENGINES
+from lpvobs.io import templates
+from lpvobs.io.logs.finding import date_of
+from lpvobs.io.results.fleets import StoredFleet
 from lpvobs.maps.excitation import Plan, plan
 from lpvobs.report import (
     courses,
@@ -22,17 +26,18 @@ from lpvobs.report import (
     spoken,
     tables,
 )
-from lpvobs.report.content import Report, ResultView
-from lpvobs.report.outputs import RegionMean
+from lpvobs.report.content import Report, ResultView, SurfaceView
+from lpvobs.tracking.fleet import PeriodMap
 
 _NOT_SHOWN = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
 """What names from files may hold and a page may not: controls, letters that turn the direction of others, halves of letters."""
 
+KNOWN = 1e-3  # [kg/s], standard error of a type's node from which it is drawn
 ASKED = courses, discovered, engine_figures, engines, figures, fleets, names, residual_figures, spoken, tables
 """What the templates call by name."""
 
 
-def page(report: Report, regions: Sequence[RegionMean] = ()) -> str:
+def page(report: Report) -> str:
     """Return the page as text; the same content gives the same text."""
     named, cycles = report.named, report.cycles
     widest = max((stored for _, stored in named), key=lambda stored: len(stored.gain.log_bounds))
@@ -42,11 +47,11 @@ def page(report: Report, regions: Sequence[RegionMean] = ()) -> str:
     plans = [(f"p{number}", view, plan_of(view)) for number, view in enumerate(report.results)]
     logs = {log.sha256: log for _, stored in named for log in stored.logs}
     return rendered(
-        "report.html.j2",
+        "report.html",
         report=report,
         cycles=cycles,
         given=[cycle for cycle in cycles if cycle.drive is not None],
-        regions=regions,
+        regions=report.regions,
         paper=paper,
         referenced=any(log.metrics is not None for _, stored in named for log in stored.logs),
         driving=[(name, view, found) for name, view, found in plans if found is not None and found.cells],
@@ -59,18 +64,60 @@ def page(report: Report, regions: Sequence[RegionMean] = ()) -> str:
     )
 
 
+def fleet_page(name: str, fleet: StoredFleet) -> str:
+    """Return the page as text; the same fleet gives the same text."""
+    fuel, speed = (MapAxis(axis, item.unit, item.meaning) for axis, item in fleet.axes.items())
+    known = [np.where(np.diag(each.covariance) < KNOWN**2, each.mean, np.nan) for each in fleet.found.types]
+    filled = np.zeros(fleet.grid.shape, dtype=bool)
+    views = [SurfaceView(fleet.grid, (fuel, speed), values.reshape(filled.shape), filled) for values in known]
+    cells = defaultdict[str, dict[str, list[str]]](dict)
+    for cell in fleet.found.cells:
+        where = f"{cell.seconds:.0f} s each at {spoken.spelled(cell.speed, speed)}"
+        cells[cell.vehicle].setdefault(where, []).append(f"{cell.fuel:g}")
+    return rendered(
+        "fleet.html",
+        name=name,
+        fleet=fleet,
+        fuel=fuel,
+        lines=_lines(fleet),
+        types=list(zip(fleet.found.types, views, strict=True)),
+        changes=_by_vehicle(fleets.change_rows(fleet)),
+        effects=_by_vehicle(fleets.effect_rows(fleet)),
+        cells=cells,
+        date=date_of,
+    )
+
+
+def _by_vehicle(table: tables.Table) -> Mapping[str, list[list[str]]]:
+    found = defaultdict[str, list[list[str]]](list)
+    for row in table[1]:
+        found[row[0]].append(row)
+    return found
+
+
+def _lines(fleet: StoredFleet) -> dict[str, dict[str, Any]]:
+    """Return the mean of each vehicle's map from period to period as a small line, all of one scale, with its ends [g/s]."""
+    own = defaultdict[str, list[PeriodMap]](list)
+    for item in fleet.found.maps:
+        own[item.vehicle].append(item)
+    weights = {name: 1.0 / maps[-1].standard_error ** 2 for name, maps in own.items()}
+    means = {name: 1e3 * np.array([w @ its.theta for its in own[name]]) / w.sum() for name, w in weights.items()}
+    widest = max(float(np.ptp(mean)) for mean in means.values())
+    lines = {}
+    for name, mean in means.items():
+        low, high = float(mean.min()), float(mean.max())
+        y = 9.0 - 14.0 * (mean - 0.5 * (low + high)) / max(widest, 1e-9)
+        x = np.linspace(1.0, 89.0, mean.size) if mean.size > 1 else np.array([1.0])
+        points = " ".join(f"{a:.0f},{b:.1f}" for a, b in zip(x, y, strict=True))
+        lines[name] = {"low": low, "high": high, "points": points}
+    return lines
+
+
 def rendered(template: str, **content: Any) -> str:
     """Return a page, or a part of one, without what a browser would obey instead of showing."""
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("lpvobs.report"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.globals |= {module.__name__.rpartition(".")[2]: module for module in ASKED}
-    environment.globals |= {"ENGINES": ENGINES, "version": __version__}
-    environment.filters |= {
+    values = {module.__name__.rpartition(".")[2]: module for module in ASKED}
+    values |= {"ENGINES": ENGINES, "version": __version__} | content
+    filters: dict[str, Callable[..., Any]] = {
         "percent": tables.percent,
         "grams": tables.grams,
         "chance": spoken.chance,
@@ -79,7 +126,9 @@ def rendered(template: str, **content: Any) -> str:
         "cycle": names.cycle_title,
         "significant": lambda value, digits: f"{value:.{digits}g}",
     }
-    return _NOT_SHOWN.sub("\ufffd", environment.get_template(template).render(content))
+    return _NOT_SHOWN.sub(
+        "\ufffd", templates.filled("lpvobs.report.templates", template, filters, markup=True, **values)
+    )
 
 
 def plan_of(view: ResultView) -> Plan | None:

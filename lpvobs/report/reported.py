@@ -12,7 +12,7 @@ from lpvobs.report.names import paper_error
 
 
 def report_output(report: Report) -> outputs.ReportOutput:
-    """Return the object of `report --json`, without means over regions."""
+    """Return the object of `report --json`."""
     results = [_result_output(view) for view in report.results]
     best = {(fit.result, fit.log): fit for fit in report.best_fits}
     logs = [
@@ -31,7 +31,7 @@ def report_output(report: Report) -> outputs.ReportOutput:
         map=results[0].map,
         extrapolation=results[0].extrapolation,
         results=results,
-        regions=(),
+        regions=report.regions,
         fits=report.fits,
         refused=[f"{name}: {line}" for name, result in report.named for line in result.refused],
     )

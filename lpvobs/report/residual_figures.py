@@ -7,13 +7,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from lpvobs.discovery.known_effects import NINETY
 from lpvobs.discovery.outcome import Ranked
 from lpvobs.discovery.portrait import Partial, Portrait, Track
 from lpvobs.discovery.thresholds import LAGS
 from lpvobs.discovery.whiteness import Whiteness
 from lpvobs.records import Array
-from lpvobs.report.figures import ESTIMATE, GRAMS, READING
+from lpvobs.report.figures import ESTIMATE, GRAMS, READING, SURE
 from lpvobs.report.fit import LAGS as LAGS_99
 from lpvobs.report.fit import ResidualFit
 from lpvobs.report.svg import INK, drawn, label_of
@@ -67,7 +66,7 @@ def component_curve(figure: Figure, surface: Mapping[str, Any]) -> None:
     row = int(np.abs(second - surface["largest_at"][1]).argmin())
     factor, error = (100.0 * np.array(surface[name])[:, row] for name in ("factor", "standard_error"))
     axes = figure.add_subplot()
-    more, half = factor - 100.0, NINETY * error
+    more, half = factor - 100.0, SURE * error
     axes.fill_between(first, more - half, more + half, color=AFTER, alpha=0.25, linewidth=0)
     label = f"{surface['inputs'][1]} = {second[row]:.3g} {surface['units'][1]}"
     axes.plot(first, more, color=AFTER, label=label)
@@ -99,7 +98,7 @@ def partial_residual(figure: Figure, seen: Partial) -> None:
     reach = np.array([seen.binned[0].min(), seen.binned[0].max()])
     axes.plot(reach, reach, color=INK, linestyle="--", label="effect with its estimated size")
     mean, residual, error = seen.binned
-    axes.errorbar(mean, residual, 1.645 * error, fmt="o", color=AFTER, markersize=3.5, label="means over all instants")
+    axes.errorbar(mean, residual, SURE * error, fmt="o", color=AFTER, markersize=3.5, label="means over all instants")
     spread = float(np.quantile(np.abs(seen.residual), 0.995)) if seen.residual.size else 1.0
     axes.set_ylim(min(-spread, residual.min()) * 1.05, max(spread, residual.max()) * 1.05)
     axes.set_xlabel(f"prediction of {label_of(seen.id)} [noise standard deviations]")

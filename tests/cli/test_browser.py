@@ -12,7 +12,7 @@ import pytest
 from lpvobs.io.results.fleets import StoredFleet
 from lpvobs.maps.grid import Grid
 from lpvobs.records import Item
-from lpvobs.report.fleet_page import fleet_page
+from lpvobs.report.page import fleet_page
 from lpvobs.tracking.fleet import MapChange, NextCell, PeriodMap, Standing, Tracked
 from lpvobs.tracking.maps import TypeMap
 from lpvobs.tracking.timeline import Fleetwide

@@ -7,7 +7,8 @@ import pytest
 
 from lpvobs.discovery.outcome import Ranked
 from lpvobs.discovery.whiteness import Leftover, Stretch
-from lpvobs.report.discovered import Discovered, candidate_rows, error_rows, sentence, sentences
+from lpvobs.report.content import Report, ResultView
+from lpvobs.report.discovered import Discovered, candidate_rows, error_rows, sentence
 from lpvobs.report.page import rendered
 from lpvobs.report.residual_figures import ranking_bars
 
@@ -51,7 +52,7 @@ def test_an_effect_is_told_with_size_interval_time_and_what_it_bought(refined):
     assert said.startswith(f"{lag} (maf.delay explains this as well).")
     assert "from 0.250 to 0.150 g/s rms, which is 60.0 % of the value before (90 %: 50.0 % to 70.0 %)" in said
     assert sentence(replace(refined, verb="trace")).startswith(lag)
-    assert sentences([("r", [refined])]) == [f"r: {said}"]
+    assert Report((ResultView("r", None, (refined,)),), {}, {}).sentences == [f"r: {said}"]
 
 
 def test_nothing_and_something_without_a_name(refined):
@@ -76,7 +77,7 @@ def test_tables_have_every_log_and_what_was_held_out(refined):
 
 def tables(found):
     """Return the tables of the page by the first word of their caption: the cells of every row."""
-    text = rendered("residual.html.j2", result="r", name="d0", found=found)
+    text = rendered("residual.html", result="r", name="d0", found=found)
     found = {}
     for caption, table in re.findall(r"<caption><span>(\w+)(.*?)</table>", text, re.DOTALL):
         head, *rows = [

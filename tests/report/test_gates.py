@@ -6,9 +6,9 @@ from xml.etree import ElementTree
 
 import pytest
 
+from lpvobs.api.files import write_text
 from lpvobs.errors import DataError, NotProven, UsageError
-from lpvobs.report.gates import METRICS, OF_RESULT, Gate, enforce, judge, parse_gate
-from lpvobs.report.junit import junit_xml, write_junit
+from lpvobs.report.gates import METRICS, OF_RESULT, Gate, enforce, judge, junit_xml, parse_gate
 from lpvobs.report.outputs import ReportedLog, ReportedResult
 
 
@@ -113,6 +113,6 @@ def test_names_that_xml_cannot_hold_leave_a_readable_file():
 def test_junit_is_written_whole(tmp_path):
     path = tmp_path / "gates.xml"
     path.write_text("of before")
-    write_junit(path, judge([GATE], [GOOD]))
-    assert path.read_bytes() == junit_xml(judge([GATE], [GOOD]))
+    write_text(path, junit_xml(judge([GATE], [GOOD])), [])
+    assert path.read_text(encoding="utf-8") == junit_xml(judge([GATE], [GOOD]))
     assert list(tmp_path.iterdir()) == [path]

@@ -63,13 +63,12 @@ def _from_table(path: Path, known: ComponentMap) -> tuple[dict[str, Array], floa
                 f"{path}: value '{name}' ({within.what}) is missing; give it as a column, "
                 f"or as a line '# {name} = VALUE {within.unit}' above the column names"
             )
-    columns = {name: column_of(path, found, name, within.unit) for name, within in forms[0].items()}
-    _refuse_impossible(path, columns, forms[0])
-    if TOLERANCE not in found.column_names:
-        return columns, known.tolerance
-    tolerance = column_of(path, found, TOLERANCE, "1")
-    allowed = constants.Within(1e-4, 0.5, "1", "tolerance of a table")
-    _refuse_impossible(path, {TOLERANCE: tolerance}, {TOLERANCE: allowed})
+    form = {**forms[0], TOLERANCE: constants.Within(1e-4, 0.5, "1", "tolerance of a table")}
+    columns = {
+        name: column_of(path, found, name, within.unit) for name, within in form.items() if name in found.column_names
+    }
+    _refuse_impossible(path, columns, form)
+    tolerance = columns.pop(TOLERANCE, [known.tolerance])
     return columns, float(tolerance[0])
 
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 from xml.sax.saxutils import escape
 
 import numpy as np
@@ -11,7 +10,6 @@ from lpvobs.errors import UsageError
 from lpvobs.io.calibration.dcm import DcmMap
 from lpvobs.io.logs.units import canonical, convert
 from lpvobs.io.results.surfaces import LEFT_OUT, NONE, Surface
-from lpvobs.io.safety.atomic import replacing
 from lpvobs.io.templates import filled
 from lpvobs.records import Array
 
@@ -50,20 +48,16 @@ def in_unit(surface: Surface, unit: str, reading: Array | None, cylinders: float
     )
 
 
-def write_cdfx(path: Path, item: DcmMap, digits: int, comments: Sequence[str]) -> None:
-    """Write a map as CDF 2.0: a value group for every Y, with the values along X; both axes are the map's own."""
-    with replacing(path) as temporary:
-        how = {"plain": _plain, "rounded": lambda value: f"{value:.{digits}g}"}
-        text = filled("lpvobs.io.calibration", "map.cdfx", how, item=item, comments=comments)
-        temporary.write_text(text, encoding="utf-8")
+def cdfx_text(item: DcmMap, digits: int, comments: Sequence[str]) -> str:
+    """Return a map as CDF 2.0: a value group for every Y, with the values along X; both axes are the map's own."""
+    how = {"plain": _plain, "rounded": lambda value: f"{value:.{digits}g}"}
+    return filled("lpvobs.io.calibration", "map.cdfx", how, item=item, comments=comments)
 
 
 def _plain(said: str) -> str:
     return escape("".join(letter for letter in said if letter.isprintable()))
 
 
-def write_lab(path: Path, parameters: Sequence[str], channels: Sequence[str]) -> None:
-    """Write a label list of INCA: parameters to calibrate, and channels that a log needs, to measure."""
-    lines = ["[SETTINGS]", "Version;V1.1", "", "[RAMCELL]", *channels, "", "[LABEL]", *parameters, ""]
-    with replacing(path) as temporary:
-        temporary.write_text("\n".join(lines), encoding="latin-1", errors="replace", newline="\r\n")
+def lab_text(parameters: Sequence[str], channels: Sequence[str]) -> str:
+    """Return a label list of INCA: parameters to calibrate, and channels that a log needs, to measure."""
+    return "\r\n".join(["[SETTINGS]", "Version;V1.1", "", "[RAMCELL]", *channels, "", "[LABEL]", *parameters, ""])

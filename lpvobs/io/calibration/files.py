@@ -7,13 +7,12 @@ import numpy as np
 
 from lpvobs.errors import DataError
 from lpvobs.io.calibration.a2l import A2lMap
-from lpvobs.io.calibration.dcm import ENCODING, DcmMap, dcm_text
+from lpvobs.io.calibration.dcm import DcmMap
 from lpvobs.io.logs.units import canonical, convert
 from lpvobs.io.results import hdf, mapping
 from lpvobs.io.results.surfaces import LEFT_OUT, NONE, ORIGINS, Surface, axis_layout, surface_layout
-from lpvobs.io.safety.atomic import replacing
 from lpvobs.observer.estimate import ERROR
-from lpvobs.records import Array, Item
+from lpvobs.records import Item
 
 
 @dataclass(frozen=True)
@@ -32,27 +31,19 @@ class OldMap:
     """A map of a DCM file in our units and directions."""
 
     item: DcmMap  # as it is in the file
-    x: Array  # (p2,) engine speed, in the surface's unit
-    y: Array  # (p1,) fuel, in the surface's unit
-    values: Array  # (p2, p1) in the surface's unit
+    ours: DcmMap  # X the engine speed, and all in the surface's units
     turned: bool  # engine speed is the file's Y
 
 
 def understood(path: Path, item: DcmMap, surface: Surface) -> OldMap:
     """Return an old map in the units and directions of the surface; raises DataError if its units are not those of such a map."""
     try:
-        return _in_ours(item, surface)
+        return OldMap(item, *item.in_units(surface.x.unit, surface.y.unit, canonical(surface.unit)))
     except ValueError as error:
         raise DataError(
             f"{path}: map '{item.name}' has {error}; expected {surface.x.unit}, {surface.y.unit}, {surface.unit} or units "
             "that convert to these; correct EINHEIT_X, EINHEIT_Y, EINHEIT_W"
         ) from None
-
-
-def _in_ours(item: DcmMap, surface: Surface) -> OldMap:
-    """Return a map in our units with engine speed along X; raises ValueError where these do not convert."""
-    found, turned = item.in_units(surface.x.unit, surface.y.unit, canonical(surface.unit))
-    return OldMap(item, found.x, found.y, found.values.T, turned)
 
 
 def described(path: Path, item: A2lMap, surface: Surface) -> OldMap:
@@ -68,7 +59,7 @@ def described(path: Path, item: A2lMap, surface: Surface) -> OldMap:
             )
             unknown, (first, second) = np.full((y.size, x.size), np.nan), item.axes
             found = DcmMap(item.name, "KENNFELD", x, y, unknown, first.unit, second.unit, item.unit or "1")
-            old = _in_ours(found, surface)
+            old = OldMap(found, *found.in_units(surface.x.unit, surface.y.unit, canonical(surface.unit)))
         except ValueError:
             continue
         for its, own in zip(item.axes, (x, y), strict=True):
@@ -114,22 +105,15 @@ def as_dcm(surface: Surface, name: str, kind: str, old: OldMap | None, nothing: 
     )
 
 
-def write_dcm(path: Path, item: DcmMap, digits: int, comments: list[str]) -> None:
-    """Write a DCM file with one map."""
-    with replacing(path) as temporary:
-        temporary.write_text(dcm_text(item, digits, comments), encoding=ENCODING, errors="replace", newline="\n")
-
-
-def write_csv(path: Path, surface: Surface, digits: int) -> None:
-    """Write a line per node: axes, value, standard error, origin; units in brackets behind the names, empty where unknown."""
+def csv_text(surface: Surface, digits: int) -> str:
+    """Return a line per node: axes, value, standard error, origin; units in brackets behind the names, empty where unknown."""
     header = [f"{axis.name} [{axis.unit}]" for axis in (surface.x, surface.y)]
     lines = [[*header, f"delta_W_c [{surface.unit}]", f"standard_error [{surface.unit}]", "origin"]]
     for (i, j), origin in np.ndenumerate(surface.origin):
         numbers = (surface.x.nodes[i], surface.y.nodes[j], surface.values[i, j], surface.standard_error[i, j])
         words = [f"{number:.{digits}g}" if np.isfinite(number) else "" for number in numbers]
         lines.append([*words, ORIGINS[int(origin)]])
-    with replacing(path) as temporary:
-        temporary.write_text("".join(f"{','.join(line)}\n" for line in lines), encoding="utf-8", newline="\n")
+    return "".join(f"{','.join(line)}\n" for line in lines)
 
 
 def write_netcdf(path: Path, surface: Surface, comments: list[str]) -> None:
@@ -153,7 +137,7 @@ def changes(surface: Surface, old: OldMap, digits: int) -> list[Change]:
 
     found = []
     for (i, j), origin in np.ndenumerate(surface.origin):
-        before, after = (rounded(float(values[i, j])) for values in (old.values, surface.values))
+        before, after = (rounded(float(values[i, j])) for values in (old.ours.values.T, surface.values))
         if before != after:
             x, y = float(surface.x.nodes[i]), float(surface.y.nodes[j])
             found.append(Change(x, y, before, after, ORIGINS[int(origin)]))
