@@ -15,15 +15,13 @@ from lpvobs.engines.base import AirPath
 from lpvobs.engines.unknowns import LeftAtNodes, Unknowns
 from lpvobs.maps.grid import Grid
 from lpvobs.observer.estimate import PASSES, EngineFound, Point
-from lpvobs.observer.information import AMPLITUDE_SPREAD, NO_LEVEL, Prior, Solution, solve, swept
+from lpvobs.observer.information import AMPLITUDE_SPREAD, AMPLITUDES, NO_LEVEL, Prior, Solution, solve, swept
 from lpvobs.observer.parts import StateGain, added_up, inform
 from lpvobs.observer.windows import Columns, Moments
 from lpvobs.records import Array, Recording
 
 Floats = Sequence[float]
 Told = Callable[[float], None]  # takes the fraction done
-AMPLITUDES = (0.02, 0.05, 0.12, 0.3, 0.7, 1.5, 3.0)
-"""Of the corrections, over those of `Component.deviation`: what is tried."""
 LEFT = (0.0, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05)
 """Of the flow, what a component's correction does not follow: what is tried."""
 STEPS = 6  # of Gauss-Newton on the constants
