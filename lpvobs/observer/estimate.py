@@ -83,10 +83,13 @@ class Point:
         """Return the point that an estimate has found, or this one where its linearisation holds."""
         if found is None or not self.configured.calmed:  # nothing steep: balances are linear in what is not known
             return self
-        near = all(abs(share) <= LINEAR for share in found.moved().values())
-        if near or found.with_little is None:
-            return self if near else replace(self, deviation=found.deviation())
-        return replace(self, deviation=replace(found, mean=found.with_little).deviation())
+        # Flows are linear in a volume wherever it is, and the state is observed with the configured one, as certified.
+        moved = {name: share for name, share in found.moved().items() if name not in self.configured.volumes}
+        if all(abs(share) <= LINEAR for share in moved.values()):
+            return self
+        nearer = found if found.with_little is None else replace(found, mean=found.with_little)
+        deviation = nearer.deviation()
+        return replace(self, deviation={name: deviation[name] for name in moved})
 
 
 ERROR = "error of the mass air flow sensor, reading minus truth"

@@ -10,7 +10,6 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
-from scipy.signal import correlate
 
 from lpvobs.kinds import Count, Finite, Fraction, KgPerS, Seconds
 from lpvobs.records import Array
@@ -81,16 +80,15 @@ def fit_along(
     if (n := int(on.sum())) < LEAST:
         return None
     y, e = means(reading), means(reading - predicted)
-    left = _normalised(e, on)
-    own, zero = correlate(left, left, method="fft"), on.size - 1
+    left = _spectrum(e, on)
+    own = _products(left, left)
     crossed: dict[str, list[float]] = {}
     bands: dict[str, float] = {}
     for name, values in inputs.items():
         if np.ptp(u := means(values)) > 0.0:
-            other = _normalised(u, on)
-            crossed[name] = correlate(left, other, method="fft")[zero - LAGS : zero + LAGS + 1].tolist()
-            both = float(own @ correlate(other, other, method="fft"))
-            bands[name] = NORMAL_99 * float(np.sqrt(max(both, 1.0) / n))
+            other = _spectrum(u, on)
+            crossed[name] = np.roll(_products(other, left), LAGS)[: 2 * LAGS + 1].tolist()
+            bands[name] = NORMAL_99 * float(np.sqrt(max(float(own @ _products(other, other)), 1.0) / n))
     return ResidualFit(
         result=names[0],
         log=names[1],
@@ -99,15 +97,20 @@ def fit_along(
         step=many * spacing,
         fit=1.0 - float(np.linalg.norm(e) / np.linalg.norm(y - y.mean())),
         rms=float(np.sqrt(np.mean(e**2))),
-        autocorrelation=own[zero : zero + LAGS + 1].tolist(),
+        autocorrelation=own[: LAGS + 1].tolist(),
         band=NORMAL_99 / float(np.sqrt(n)),
         cross=crossed,
         cross_band=bands,
     )
 
 
-def _normalised(values: Array, on: NDArray[np.bool_]) -> Array:
-    """Return values without their mean and with the norm one, zero in gaps."""
+def _spectrum(values: Array, on: NDArray[np.bool_]) -> NDArray[np.complex128]:
+    """Return the transform of values of variance one, zero in gaps, long enough that no lag wraps around."""
     whole = np.zeros(on.size)
     whole[on] = (values - values.mean()) / (np.linalg.norm(values - values.mean()) or 1.0)
-    return whole
+    return np.asarray(np.fft.rfft(whole, 2 * on.size + 2 * LAGS))
+
+
+def _products(first: NDArray[np.complex128], second: NDArray[np.complex128]) -> Array:
+    """Return sums of products, the second signal later by 0, 1, ... lags, and by negative ones from the end on."""
+    return np.asarray(np.fft.irfft(np.conj(first) * second))

@@ -72,7 +72,9 @@ def test_a_map_that_stands_is_judged_with_the_engine_that_it_was_estimated_with(
         own = [file[f"engine_found/{item.name}/correction"][()].ravel() for item in before.components]
     moved = np.concatenate(own) - start.model.constants.values
     assert np.abs(moved).max() < NEGLIGIBLE  # modes that are left out
-    assert (np.diag(start.model.covariance) < 1.2 * np.diag(model.covariance)).all()  # a third of it is kept on top
+    wider = np.diag(start.model.covariance) >= 1.2 * np.diag(model.covariance)  # a third of it is kept on top
+    # Drives tell of a volume, benches do not: the loop has it from the drive that made the map.
+    assert {name for name, more in zip(model.names, wider, strict=True) if more} <= {*engine.air_path.volumes}
     assert start.total({})["R_c"] == pytest.approx(constants["R_c"])
 
 

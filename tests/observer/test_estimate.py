@@ -9,10 +9,11 @@ from reference.informing import informed, solved
 
 from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.engines.diesel.published import PUBLISHED
+from lpvobs.engines.unknowns import unknowns_of
 from lpvobs.errors import DataError
 from lpvobs.maps.metrics import compare
 from lpvobs.maps.quadratic import evaluate, fit
-from lpvobs.observer.estimate import estimate_default, steps_of
+from lpvobs.observer.estimate import EngineFound, Point, estimate_default, steps_of
 from lpvobs.observer.parts import StateGain
 from lpvobs.observer.recursion import observe
 from lpvobs.observer.rivals import estimate_published
@@ -212,6 +213,19 @@ def test_the_map_of_an_engine_within_its_tolerance_is_found_and_its_intervals_ho
                 inside.append(np.mean(np.abs(missed) <= 1.645 * found.standard_error[found.supported]))
     assert np.mean(rms["joint"]) < 0.5 * np.mean(rms["consider"])
     assert np.mean(inside) > 0.75  # of 90 %; the nodes of a drive share a dozen errors, and there are four
+
+
+def test_the_first_step_is_that_of_small_corrections_and_no_step_moves_a_volume(air_path, settings):
+    tolerance = {"R_c": 0.01, "V_im": 0.15}
+    start = Point(air_path, replace(settings, tolerance=tolerance))
+    found = EngineFound(
+        unknowns_of(tolerance, ()), {}, np.array([0.02, 0.1]), np.eye(2), with_little=np.array([-0.01, 0.08])
+    )
+    first = start.moved(found)
+    assert first.deviation == pytest.approx({"R_c": -0.01})
+    second = first.moved(replace(found, point=first.deviation, with_little=None))
+    assert second.deviation == pytest.approx({"R_c": 0.99 * 1.02 - 1.0})
+    assert start.moved(replace(found, mean=np.array([0.001, 0.1]))) is start  # flows are linear in a volume
 
 
 def test_steps_leave_gaps_out(drive):
