@@ -43,7 +43,7 @@ class EngineFound:
     mean: Array  # (q,) seen from there
     covariance: Array  # (q, q)
     amplitudes: tuple[float, ...] = ()  # of the groups of corrections
-    # (q,) the mean with corrections as small as they can be, where the engine is still as configured
+    # (q,) the mean with corrections as small as they can be: the step to where the engine is linearised next; None: the mean
     with_little: Array | None = None
 
     def moved(self) -> dict[str, float]:
@@ -174,9 +174,9 @@ def merged(grid: Grid, parts: Iterable[LogInformation], point: Point) -> tuple[M
     total = added_up(grid, layout, noted())
     prior = Prior(settings.prior_map, unknowns, (NO_LEVEL,) * layout.balances)
     solution, little = solve(layout, total, prior), None
-    if not point.deviation and (groups := unknowns.groups()):
+    if groups := unknowns.groups():
         # Far from where it is linearised, a compressor of other constants looks like one that needs large corrections, and
-        # stays there: the first step is of the constants.
+        # stays there. So the constants take each step, and only the last solution has corrections as large as they may be.
         little = solve(layout, total, replace(prior, amplitudes=(AMPLITUDES[0],) * len(groups))).mean[solution.engine]
     if settings.constants == "consider":
         solution = considered(solution, total, settings.prior_map, unknowns)

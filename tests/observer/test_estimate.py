@@ -215,7 +215,7 @@ def test_the_map_of_an_engine_within_its_tolerance_is_found_and_its_intervals_ho
     assert np.mean(inside) > 0.75  # of 90 %; the nodes of a drive share a dozen errors, and there are four
 
 
-def test_the_first_step_is_that_of_small_corrections_and_no_step_moves_a_volume(air_path, settings):
+def test_a_step_is_that_of_small_corrections_and_never_moves_a_volume(air_path, settings):
     tolerance = {"R_c": 0.01, "V_im": 0.15}
     start = Point(air_path, replace(settings, tolerance=tolerance))
     found = EngineFound(
