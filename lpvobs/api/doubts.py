@@ -116,8 +116,8 @@ def _reads(sums: BalanceSums) -> float:
 
 def _another_volume(volumes: Sequence[str], found: EngineFound | None) -> Iterable[str]:
     """Yield the volumes that the logs want far from what they are known to be."""
-    # Of variances p and q after them, logs were to move a constant by sqrt(p - q), and alone would put it p/(p - q) times
-    # as far.
+    # Of variances p before and q after them, logs alone put a constant p/(p - q) times as far as it moved, with the variance
+    # p q/(p - q): how far it may be off does not make them less sure.
     known = () if found is None else found.unknowns.constants
     for name in volumes:
         if found is None or name not in known:
@@ -125,12 +125,13 @@ def _another_volume(volumes: Sequence[str], found: EngineFound | None) -> Iterab
         i = known.index(name)
         before, moved = float(found.unknowns.covariance[i, i]), float(found.mean[i] - found.unknowns.mean[i])
         gained = max(before - float(found.covariance[i, i]), 1e-9 * before)
-        sure, off = abs(moved) / np.sqrt(gained), moved * before / gained
+        off, alone = moved * before / gained, before * float(found.covariance[i, i]) / gained
+        sure = abs(off) / np.sqrt(max(alone, 1e-18))
         if sure > SURE and abs(off) > OFF:
             which = "larger" if off > 0.0 else "smaller"
             yield (
                 f"{name}: fast transients fit better with a value {100 * abs(off):.0f} % {which}; this difference is {sure:.0f} "
-                f"times what noise and tolerance allow; check {name} in [engine]"
+                f"times what noise allows; check {name} in [engine]"
             )
 
 

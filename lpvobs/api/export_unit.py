@@ -198,7 +198,9 @@ def _of_map(result: Path) -> tuple[Config, AirPath, dict[str, Array]]:
     engine = known_engine(found)
     if found.engine is None or engine.air_path.learns:
         return engine.config, engine.air_path, {}
-    deviation = dict(zip(found.engine.constants, found.engine.deviation.tolist(), strict=True))
+    told = dict(zip(found.engine.constants, found.engine.deviation.tolist(), strict=True))
+    # the state is observed with the configured volumes, as the gain is certified
+    deviation = {name: share for name, share in told.items() if name not in engine.air_path.volumes}
     with reading(result, KIND, REMEDY) as file:
         return engine.config, engine.air_path.deviating(deviation), read_corrections(file, engine.air_path)
 

@@ -7,7 +7,7 @@ import os
 import resource
 import shutil
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NoReturn, ParamSpec, TypeVar
@@ -121,11 +121,15 @@ def visible(text: str) -> str:
     return "".join(sign if sign.isprintable() else "\ufffd" for sign in text)
 
 
+def _plain(value: Any) -> Any:
+    return dict(value) if isinstance(value, Mapping) else value.tolist()
+
+
 def print_json(verb: str, content: Any) -> None:
     """Print a record or table as the verb's one JSON object; numbers that are not finite become null."""
     from msgspec import to_builtins
 
-    plain = json.dumps(to_builtins(content, enc_hook=lambda numbers: numbers.tolist()))
+    plain = json.dumps(to_builtins(content, enc_hook=_plain))
     found = json.loads(plain, parse_constant=lambda _: None)
     print(json.dumps({"schema": f"lpvobs/{verb}/1"} | found, indent=2))
 

@@ -10,7 +10,7 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from msgspec import UNSET, UnsetType, convert
+from msgspec import UNSET, UnsetType
 
 from lpvobs.discovery import outcome
 from lpvobs.discovery.courses import Curve, FactorSurface
@@ -46,7 +46,9 @@ def finding_of(logs: Sequence[Log], item: Accepted) -> outcome.Finding:
         onset=place_in_logs(logs, begin),
         end=place_in_logs(logs, end),
         course=plain if course is None else course.name,
-        follows=UNSET if course is None else convert(course, outcome.Following, from_attributes=True),
+        follows=UNSET
+        if course is None
+        else outcome.Following(course.time_constant, course.input, course.low, course.high, course.intervals),
         explained=item.share,
         p_value=item.p_value,
         indistinguishable=item.indistinguishable,

@@ -89,13 +89,11 @@ def refine(
         unseen = lay([log])
         acting = [[term_on(item, unseen, [log]) for item in effects] for effects in (kept, kept + found)]
         judged.append(losses_on_unseen((before, after), (acting[0], acting[1]), unseen))
-    about, unexplained = (
-        (selection.verdict, list(zip(findings, found, strict=True))),
-        selection.verdict == "unexplained",
-    )
+    named, unexplained = list(zip(findings, found, strict=True)), selection.verdict == "unexplained"
     parts = [selection.losses.part(problem.of_log == i) for i in range(len(logs))]
     by_log = [
-        outcome_on(log, own, *about, shown_by(after, i)) for i, (log, own) in enumerate(zip(logs, parts, strict=True))
+        outcome_on(log, own, selection.verdict, named, shown_by(after, i))
+        for i, (log, own) in enumerate(zip(logs, parts, strict=True))
     ]
     whole = structure(after)
     left = None if whole.white and not unexplained else leftover(after, logs, whole.correlated_with)
@@ -109,7 +107,7 @@ def refine(
         healthy_drives=() if healthy is None else healthy.logs,
         known_effects=tuple(known_finding(known_effect) for known_effect in kept) or UNSET,
         error_on_held_out_logs=error_output(pooled_losses(judged).comparison(), HOW_WHOLE) if judged else UNSET,
-        logs=(*by_log, *(outcome_on(log, own, *about) for log, own in zip(hold_out, judged, strict=True))),
+        logs=(*by_log, *(outcome_on(log, own, selection.verdict, named) for log, own in zip(hold_out, judged, strict=True))),
         ranking=tuple(Ranked(c.id, c.term.size, c.term.effect.unit, c.gain, c.unevenness) for c in selection.ranking),
         left=left,
     )

@@ -21,8 +21,9 @@ NEGLIGIBLE = 1e-3
 """Standard deviation below which a mode of the corrections is left out: it moves no flow by more than a thousandth."""
 
 VOLUME = 0.01
-"""Tolerance of a manifold's volume in the closed loop, at most. An estimate finds the volume from transients, and the loop begins
-there; a wider one takes up what a small leak or a pressure sensor that is a little off does in transients."""
+"""Tolerance of a manifold's volume in the closed loop, at most. Against a map that stands, the loop begins at the volume that its
+estimate found, else at the configured one. A wider tolerance takes up what a small leak or a pressure sensor that is a little off
+does in transients."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -43,7 +43,7 @@ class EngineFound:
     mean: Array  # (q,) seen from there
     covariance: Array  # (q, q)
     amplitudes: tuple[float, ...] = ()  # of the groups of corrections
-    # (q,) the mean with corrections as small as they can be: the step to where the engine is linearised next; None: the mean
+    # (q,) the mean with the least corrections that are tried: the step to where the engine is linearised next; None: the mean
     with_little: Array | None = None
 
     def moved(self) -> dict[str, float]:
@@ -83,13 +83,14 @@ class Point:
         """Return the point that an estimate has found, or this one where its linearisation holds."""
         if found is None or not self.configured.calmed:  # nothing steep: balances are linear in what is not known
             return self
-        # Flows are linear in a volume wherever it is, and the state is observed with the configured one, as certified.
+        # Flows are linear in a volume wherever it is, so it stays where the estimate began, as the gain is certified.
         moved = {name: share for name, share in found.moved().items() if name not in self.configured.volumes}
         if all(abs(share) <= LINEAR for share in moved.values()):
             return self
         nearer = found if found.with_little is None else replace(found, mean=found.with_little)
         deviation = nearer.deviation()
-        return replace(self, deviation={name: deviation[name] for name in moved})
+        kept = {name: share for name, share in self.deviation.items() if name not in moved}
+        return replace(self, deviation={**kept, **{name: deviation[name] for name in moved}})
 
 
 ERROR = "error of the mass air flow sensor, reading minus truth"
@@ -174,7 +175,7 @@ def merged(grid: Grid, parts: Iterable[LogInformation], point: Point) -> tuple[M
     total = added_up(grid, layout, noted())
     prior = Prior(settings.prior_map, unknowns, (NO_LEVEL,) * layout.balances)
     solution, little = solve(layout, total, prior), None
-    if groups := unknowns.groups():
+    if settings.constants == "joint" and point.configured.calmed and (groups := unknowns.groups()):
         # Far from where it is linearised, a compressor of other constants looks like one that needs large corrections, and
         # stays there. So the constants take each step, and only the last solution has corrections as large as they may be.
         little = solve(layout, total, replace(prior, amplitudes=(AMPLITUDES[0],) * len(groups))).mean[solution.engine]

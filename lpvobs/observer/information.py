@@ -33,9 +33,9 @@ ROUNDS = 4  # rounds between the covariance of the errors and the solution; the 
 FIRST_ERROR = 5e-5  # [kg/s sqrt(s)] of every balance, from which the rounds start
 LEAST_ERROR = 1e-8  # [kg/s sqrt(s)], below any sensor: balances without errors need one
 AMPLITUDES = (0.03, 0.06, 0.12, 0.3, 0.7, 1.5, 3.0)
-"""Of the corrections, over those of `Component.deviation`: what is tried. The least decides on an engine that needs none. With 0.05,
-0.03, 0.02 the map was off by 1.75, 1.59, 1.51 % on ETC (ten engines with constants within 1 %) and by 0.78, 0.79, 0.81 % on FTP75
-(twelve), where 96, 95, 93 % of the 90 % intervals held."""
+"""Of the corrections, over those of `Component.deviation`: what is tried. The least decides on an engine that needs none. With
+0.05, 0.03, 0.02 the map was off by 1.75, 1.59, 1.51 % on ETC (ten engines with constants within 1 %), and by 0.78, 0.79, 0.81 %
+on FTP75 (twelve), where 96, 95, 93 % of the 90 % intervals held."""
 SWEEPS = 2  # over all numbers that are sought one after the other
 LEAST_FREE = 0.5  # share of the rows that counts as left over, even if the unknowns have used up more
 LEAST_DEGREES = 0.5  # directions of the map that a balance tells of, below which it contradicts no other
@@ -164,7 +164,7 @@ class _Solved:
     def errors(self, mean: Array, spent: float) -> tuple[Array, Array]:
         """Return S from what the solution leaves, less the freedom used up, and its part that is new in every window."""
         # S is from sums over groups of windows, for errors of a model last; from windows where a short log leaves too few
-        # groups. Errors that come back where the engine runs alike again make all of it larger.
+        # groups. Errors that come back where the engine runs alike again are added to it.
         left = np.zeros(self.layout.size)
         left[: self.layout.solved], left[self.layout.z] = -mean, 1.0
         found = []
@@ -189,9 +189,10 @@ class _Solved:
     def coming_back(self, S: Array, left: Array) -> Array:
         """Return what errors that are the same at every visit add to S, shape (B, B) [kg^2/s]."""
         # An error of the model belongs to an operating point, so it does not average out over visits as S has it. No balance
-        # shows its own, for the map takes it up; but two balances contradict each other at the nodes, Psi^T (r_a - r_b), by
-        # more than S says. Neither is the likelier one to be wrong, so each is charged with half of the least contradiction
-        # that it has with another. Their shares in the map then follow how far they agree, not how little they scatter.
+        # shows its own, for the map takes it up; but two balances contradict each other at the nodes, Psi_a^T r_a - Psi_b^T r_b,
+        # by more than S says. Neither is the likelier one to be wrong, so each is charged with half of the least contradiction
+        # that it has with another: of two balances, all that they contradict each other by; of more, at least half of what
+        # one lacks that none supports. Shares in the map then follow how far balances agree, not how little they scatter.
         p, B = self.layout.nodes, self.layout.balances
         products = self.moments.products[:, :, :p]
         G = np.einsum("aaij->ij", products[..., :p]) / B

@@ -61,5 +61,13 @@ def test_nothing_else_is_said(moved, left, name):
     assert OFF > 0.0173  # a constant at the edge of its tolerance, known exactly: 0.01
 
 
+def test_a_wide_tolerance_keeps_no_volume_silent():
+    """A volume within 15 % that drives know to 1 % and want 19 % larger."""
+    unknowns = Unknowns(("V_im",), (), np.zeros(1), np.array([[0.15**2 / 3.0]]))
+    wanted = EngineFound(unknowns, {}, np.array([0.19]), np.array([[1e-4]]))
+    (text,) = _another_volume(("V_im",), wanted)
+    assert "19 % larger" in text
+
+
 def test_an_engine_without_unknowns_is_not_judged():
     assert not list(_another_volume(("V_im",), None))

@@ -226,6 +226,8 @@ def test_a_step_is_that_of_small_corrections_and_never_moves_a_volume(air_path, 
     second = first.moved(replace(found, point=first.deviation, with_little=None))
     assert second.deviation == pytest.approx({"R_c": 0.99 * 1.02 - 1.0})
     assert start.moved(replace(found, mean=np.array([0.001, 0.1]))) is start  # flows are linear in a volume
+    calibrated = replace(start, deviation={"R_c": 0.0, "V_im": 0.08})
+    assert calibrated.moved(found).deviation == pytest.approx({"R_c": -0.01, "V_im": 0.08})
 
 
 def test_steps_leave_gaps_out(drive):
