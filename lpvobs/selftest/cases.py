@@ -94,9 +94,9 @@ UNITS = {"time": "s", "ref_W_c": "kg/s", "ref_delta_W_c": "kg/s"} | {
     name: channel.unit for name, channel in KIND.air_path.channels.items()
 }
 FACTOR = 1.2  # of the reading of a faulty sensor
-METHODS = {"observer": 2e-4, "batch": 1e-9}
+METHODS = {"observer": 1e-4, "batch": 1e-9}
 """Tolerance of a node, [kg/s], of a map that reaches 3e-3: this drive has no noise, and what is rough in its signals is taken for
-noise, which costs 1.5e-4; without that, rounding is left."""
+noise, which costs 2e-5; without that, rounding is left."""
 KNOWN = json.loads((files("lpvobs.selftest") / "known.json").read_text(encoding="utf-8"))
 """Matrices of the shipped proofs."""
 EXAMPLE = shipped_folder("configs") / KIND.example
