@@ -124,6 +124,8 @@ def _another_volume(volumes: Sequence[str], found: EngineFound | None) -> Iterab
             continue
         i = known.index(name)
         before, moved = float(found.unknowns.covariance[i, i]), float(found.mean[i] - found.unknowns.mean[i])
+        if not before > 0.0:
+            continue  # a volume that is known exactly
         gained = max(before - float(found.covariance[i, i]), 1e-9 * before)
         off, alone = moved * before / gained, before * float(found.covariance[i, i]) / gained
         sure = abs(off) / np.sqrt(max(alone, 1e-18))

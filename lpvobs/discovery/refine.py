@@ -107,7 +107,10 @@ def refine(
         healthy_drives=() if healthy is None else healthy.logs,
         known_effects=tuple(known_finding(known_effect) for known_effect in kept) or UNSET,
         error_on_held_out_logs=error_output(pooled_losses(judged).comparison(), HOW_WHOLE) if judged else UNSET,
-        logs=(*by_log, *(outcome_on(log, own, selection.verdict, named) for log, own in zip(hold_out, judged, strict=True))),
+        logs=(
+            *by_log,
+            *(outcome_on(log, own, selection.verdict, named) for log, own in zip(hold_out, judged, strict=True)),
+        ),
         ranking=tuple(Ranked(c.id, c.term.size, c.term.effect.unit, c.gain, c.unevenness) for c in selection.ranking),
         left=left,
     )

@@ -69,5 +69,10 @@ def test_a_wide_tolerance_keeps_no_volume_silent():
     assert "19 % larger" in text
 
 
+def test_a_volume_that_is_known_exactly_is_not_judged():
+    unknowns = Unknowns(("V_im",), (), np.zeros(1), np.zeros((1, 1)))
+    assert not list(_another_volume(("V_im",), EngineFound(unknowns, {}, np.zeros(1), np.zeros((1, 1)))))
+
+
 def test_an_engine_without_unknowns_is_not_judged():
     assert not list(_another_volume(("V_im",), None))

@@ -11,6 +11,7 @@ import h5py
 import numpy as np
 
 from lpvobs.engines.base import AirPath
+from lpvobs.engines.registry import ENGINES
 from lpvobs.errors import DataError
 from lpvobs.io.results import engines, gains, surfaces
 from lpvobs.io.results.hdf import Field, changing, creating, reading, write_group
@@ -132,6 +133,11 @@ def read_result(path: Path) -> StoredResult:
     """Return a stored result; raises DataError if the file is not a complete result."""
     state = state_of(path)
     with reading(path, KIND, REMEDY) as file:
+        if (air_path := str(file.attrs["air_path"])) not in ENGINES:
+            raise DataError(
+                f"{path}: the result is for an engine of kind '{air_path}', expected one of {', '.join(ENGINES)}; read the file "
+                f"with the version of lpvobs that wrote it"
+            )
         axes = surfaces.axes_of(file)
         found: dict[str, Any] = {}
         for name, layout in _layouts(axes).items():
@@ -141,7 +147,7 @@ def read_result(path: Path) -> StoredResult:
         filled = file.get(surfaces.GROUP)
         return StoredResult(
             path=path,
-            air_path=str(file.attrs["air_path"]),
+            air_path=air_path,
             method=str(file.attrs["method"]),
             grid=read(file["map"], surfaces.grid_layout(axes)),
             **found,

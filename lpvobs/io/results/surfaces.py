@@ -188,7 +188,9 @@ def mean_flow(path: Path) -> float:
     """Return the mean reading of all logs behind a result [kg/s]; raises DataError if the file is no result."""
     with reading(path, "result", "make a result with `lpvobs estimate`") as file:
         logs = [(int(log.attrs["samples"]), float(log["mean_flow"][()])) for log in file["logs"].values()]
-        return sum(samples * flow for samples, flow in logs) / sum(samples for samples, _ in logs)
+    if not logs:
+        raise DataError(f"{path}: the result names no log; make it again with `lpvobs estimate`")
+    return sum(samples * flow for samples, flow in logs) / sum(samples for samples, _ in logs)
 
 
 def axis_layout(name: str, item: Item) -> Layout[SurfaceAxis]:
