@@ -83,11 +83,11 @@ class Point:
         """Return the point that an estimate has found, or this one where its linearisation holds."""
         if found is None or not self.configured.calmed:  # nothing steep: balances are linear in what is not known
             return self
+        nearer = found if found.with_little is None else replace(found, mean=found.with_little)
         # Flows are linear in a volume wherever it is, so it stays where the estimate began, as the gain is certified.
-        moved = {name: share for name, share in found.moved().items() if name not in self.configured.volumes}
+        moved = {name: share for name, share in nearer.moved().items() if name not in self.configured.volumes}
         if all(abs(share) <= LINEAR for share in moved.values()):
             return self
-        nearer = found if found.with_little is None else replace(found, mean=found.with_little)
         deviation = nearer.deviation()
         kept = {name: share for name, share in self.deviation.items() if name not in moved}
         return replace(self, deviation={**kept, **{name: deviation[name] for name in moved}})
