@@ -204,7 +204,9 @@ class _Solved:
         away = ((at_nodes[:, None] - at_nodes) ** 2).sum(axis=2)
         own, degrees = np.diag(S * visits), np.diag(visits)
         beyond = away - (own[:, None] + own - 2.0 * S * visits)
-        heard = (degrees[:, None] > LEAST_DEGREES) & (degrees > LEAST_DEGREES) & ~np.eye(B, dtype=bool)
+        # Balances that speak at different times do not contradict each other: one with the EGR valve shut, one with it open.
+        together = visits > 0.5 * np.maximum(degrees[:, None], degrees)
+        heard = (degrees[:, None] > LEAST_DEGREES) & (degrees > LEAST_DEGREES) & together & ~np.eye(B, dtype=bool)
         each = np.where(heard, beyond / np.maximum(0.5 * (degrees[:, None] + degrees), LEAST_DEGREES), np.inf)
         least = each.min(axis=1, initial=np.inf)
         return np.diag(0.5 * np.maximum(np.where(np.isfinite(least), least, 0.0), 0.0))

@@ -9,7 +9,7 @@ from lpvobs.discovery.portrait import MOST_COLUMNS, MOST_POINTS, cross_correlati
 from lpvobs.discovery.refine import refine
 from lpvobs.discovery.residual import free_map
 from lpvobs.discovery.thresholds import LAGS
-from lpvobs.discovery.whiteness import leftover
+from lpvobs.discovery.whiteness import leftover, structure
 
 
 @pytest.fixture(scope="module")
@@ -67,7 +67,7 @@ def test_what_is_unexplained_is_placed_in_time(plant, config, clean, misread):
     found = refine(plant, config.grid(), prior, [log])
     assert found.trace.verdict == "unexplained"
     left = found.trace.left
-    assert left == leftover(found.after, [log], found.trace.correlated_with)
+    assert left == leftover(found.after, [log], structure(found.after).correlated_with)
     assert left.balance in ("compressor", "filling")
     assert 0.0 < left.half_power < 0.02  # Hz; a cycle of about 80 s
     shown = found.trace.as_json(refined=False)["residual"]
