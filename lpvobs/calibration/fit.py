@@ -15,7 +15,7 @@ from lpvobs.engines.base import AirPath
 from lpvobs.engines.unknowns import LeftAtNodes, Unknowns
 from lpvobs.maps.grid import Grid
 from lpvobs.observer.estimate import PASSES, EngineFound, Point
-from lpvobs.observer.information import AMPLITUDE_SPREAD, AMPLITUDES, NO_LEVEL, Prior, Solution, solve, swept
+from lpvobs.observer.information import AMPLITUDE_SPREAD, AMPLITUDES, Solution, prior_of, solve, swept
 from lpvobs.observer.parts import StateGain, added_up, inform
 from lpvobs.observer.windows import Columns, Moments
 from lpvobs.records import Array, Recording
@@ -159,7 +159,7 @@ def taught(
         away = max(left, LEFT[1]) * mean_flow(
             layout, total
         )  # no formula is better, even where a bench shows nothing left
-        solution = solve(layout, total, Prior(away, unknowns, (NO_LEVEL,) * layout.balances))
+        solution = solve(layout, total, prior_of(grid, away, unknowns, layout.balances))
         own = solution.engine
         found = EngineFound(unknowns, point.deviation, solution.mean[own], solution.covariance[own, own])
         moved = point.moved(found)

@@ -21,7 +21,7 @@ from lpvobs.errors import DataError
 from lpvobs.maps.excitation import Excitation, of_cells
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.quadratic import terms_at_nodes
-from lpvobs.observer.information import AMPLITUDES, NO_LEVEL, Prior, Solution, considered, solve
+from lpvobs.observer.information import AMPLITUDES, Solution, considered, prior_of, solve
 from lpvobs.observer.log_run import LogRun
 from lpvobs.observer.parts import LogInformation, StateGain, added_up, inform
 from lpvobs.observer.settings import EstimateSettings
@@ -173,14 +173,14 @@ def merged(grid: Grid, parts: Iterable[LogInformation], point: Point) -> tuple[M
     unknowns, settings = point.unknowns, point.settings
     layout = Columns(grid.size, unknowns.size, len(point.configured.balance_names))
     total = added_up(grid, layout, noted())
-    prior = Prior(settings.prior_map, unknowns, (NO_LEVEL,) * layout.balances)
+    prior = prior_of(grid, settings.prior_map, unknowns, layout.balances)
     solution, little = solve(layout, total, prior), None
     if settings.constants == "joint" and point.configured.calmed and (groups := unknowns.groups()):
         # Far from where it is linearised, a compressor of other constants looks like one that needs large corrections, and
         # stays there. So the constants take each step, and only the last solution has corrections as large as they may be.
         little = solve(layout, total, replace(prior, amplitudes=(AMPLITUDES[0],) * len(groups))).mean[solution.engine]
     if settings.constants == "consider":
-        solution = considered(solution, total, settings.prior_map, unknowns)
+        solution = considered(solution, total, prior)
     theta, covariance, noise = _since_known(grid, solution, unknowns)
     nodes = slice(layout.nodes)
     coupled = covariance[nodes, solution.engine] @ unknowns.reduction

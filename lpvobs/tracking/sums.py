@@ -165,8 +165,9 @@ def basis_of(grid: Grid, solutions: Sequence[Solution], totals: Sequence[Moments
     covariance = unknowns.scaled(amplitudes.tolist())
     root = np.linalg.cholesky(covariance + np.diag(1e-9 * np.diag(covariance) + 1e-18))
     told, axes = np.linalg.eigh(root.T @ seen @ root)
-    lasting = float(np.mean([np.trace(each.errors @ weights) for each in solutions])) / weights.shape[0]
     p, terms = grid.size, terms_at_nodes(grid)
+    both = zip(solutions, totals, strict=True)
+    lasting = float(np.mean([np.trace(as_if_new(each, total) @ weights) for each, total in both])) / weights.shape[0]
     seen = sum(np.einsum("ab,abij->ij", weights, total.products[:, :, :p]) for total in totals)
     error = np.mean([each.theta for each in solutions], axis=0)
     smooth = [
@@ -179,6 +180,13 @@ def basis_of(grid: Grid, solutions: Sequence[Solution], totals: Sequence[Moments
     known = (np.zeros(p), np.zeros((p, unknowns.size))) if left is None else (left.mean, left.response)
     lasting = max(lasting, 1.0)
     return Basis(weights, engine, unknowns.mean, flow, error, terms, lasting, known[0], known[1] @ engine)
+
+
+def as_if_new(solution: Solution, total: Moments) -> Array:
+    """Return S of errors that would widen the usual node as much if those that repeat averaged out, too, shape (B, B) [kg^2/s]."""
+    stay = np.einsum("aaii->ai", total.products[:, :, : solution.layout.nodes, : solution.layout.nodes])
+    usual = stay.sum(axis=1) / np.maximum(np.count_nonzero(stay > 0.0, axis=1), 1)
+    return np.asarray(solution.errors.S + np.diag(usual * solution.errors.repeated**2))
 
 
 def flow_at_nodes(products: Array, with_flow: Array, usual: Array) -> Array:

@@ -7,7 +7,7 @@ from lpvobs.engines.unknowns import unknowns_of
 from lpvobs.maps.grid import Grid
 from lpvobs.observer import disagreement, information
 from lpvobs.observer.disagreement import agreements
-from lpvobs.observer.information import NO_LEVEL, Prior, Solution
+from lpvobs.observer.information import NO_LEVEL, Errors, Prior, Solution
 from lpvobs.observer.log_run import LogRun
 from lpvobs.observer.parts import LogInformation, added_up
 from lpvobs.observer.windows import Columns
@@ -51,12 +51,13 @@ def part(name, seed, moved=0.0, scatter=0.0, cells=(0, 1, 2, 3), hardly=()):
 def found(parts):
     """Return the common map at errors that are known, the engine as configured, and every log's agreement with it."""
     total = added_up(GRID, LAYOUT, parts)
-    state = information._Solved(LAYOUT, total, Prior(PRIOR, UNKNOWNS, (NO_LEVEL,)))
+    state = information._Solved(LAYOUT, total, Prior(PRIOR, UNKNOWNS, (NO_LEVEL,), np.eye(9)))
     S = np.array([[ERROR**2]])
+    errors = Errors(S, np.zeros(1))
     mean, covariance = np.zeros(LAYOUT.solved), np.diag([0.0] * 9 + [0.01**2 / 3, 0.0])
-    noise, answers = state.map_alone(S)
-    mean[:9] = noise @ state.normal(S)[:9, LAYOUT.z]
-    common = Solution(LAYOUT, mean, covariance, noise, answers[:, :1], answers[:, 1:], S, S, noise, ())
+    noise, answers = state.map_alone(errors)
+    mean[:9] = noise @ state.normal(errors)[:9, LAYOUT.z]
+    common = Solution(LAYOUT, mean, covariance, noise, answers[:, :1], answers[:, 1:], errors, S, noise, ())
     scatter, verdicts = agreements(common, parts, PRIOR)
     return common, scatter, verdicts
 

@@ -11,7 +11,7 @@ from lpvobs.engines.curves import Nodes, on_line
 from lpvobs.engines.unknowns import Component, Correction, Unknowns, unknowns_of
 from lpvobs.maps.grid import Grid
 from lpvobs.observer import windows
-from lpvobs.observer.information import LEAST_ERROR, Prior, considered, solve
+from lpvobs.observer.information import LEAST_ERROR, Prior, considered, prior_of, solve
 from lpvobs.observer.windows import GROUP, LEAST_STAY, LENGTH, Columns, Slopes, Windows
 
 GRID = Grid(np.array([0.0, 4.0, 10.0]), np.array([500.0, 1000.0, 2000.0]))
@@ -22,7 +22,8 @@ SLOPES = np.array([[[1.0, 0.0], [0.5, 0.2]], [[0.3, -1.0], [0.0, 1.0]]])
 THETA = 0.01 * np.sin(np.arange(9.0))
 UNKNOWNS = unknowns_of({"a": 0.5, "b": 0.5}, ())
 LEVEL = 1e-9
-PRIOR = Prior(0.1, UNKNOWNS, (LEVEL, LEVEL))
+ALIKE = prior_of(GRID, 0.1, UNKNOWNS, 2).alike
+PRIOR = Prior(0.1, UNKNOWNS, (LEVEL, LEVEL), ALIKE)
 
 
 def slopes(stay, means, noise=0.0, even=False):
@@ -139,11 +140,12 @@ def test_the_solution_is_that_of_dense_least_squares():
     """Given S, the mean is that of stacked rows, whitened, with the prior as further rows."""
     log = drive(3, (0.02, -0.01), own=1e-3)
     moments = summed(log)
-    prior = Prior(0.1, UNKNOWNS, (LEVEL, LEVEL))
+    prior = Prior(0.1, UNKNOWNS, (LEVEL, LEVEL), ALIKE)
     found = solve(LAYOUT, moments, prior)
     k = LAYOUT.solved
-    weight = np.linalg.inv(found.errors)
+    weight = np.linalg.inv(found.errors.S)
     normal = np.einsum("ab,abij->ij", weight, moments.products)
+    assert not found.errors.repeated.any()  # there are none
     deviations = np.concatenate((np.full(9, 0.1), 0.5 / np.sqrt(3.0) * np.ones(2), np.full(2, LEVEL)))
     own = normal[:k, :k] + np.diag(deviations**-2.0)
     # A prior of nearly no level beside one of 0.1 kg/s: condition 1e16, of which levels know nothing.
@@ -158,13 +160,13 @@ def test_the_solution_is_that_of_dense_least_squares():
     residual = np.concatenate((-found.mean, [1.0]))
     power = np.diag(np.einsum("i,abij,j->ab", residual, moments.slow[:, :, : k + 1, : k + 1], residual))
     least = GROUP * power / moments.windows[0]
-    assert (np.diag(found.errors) > least).all()
-    assert (np.diag(found.errors) < 3.0 * least + 2.0 * LEAST_ERROR**2).all()
+    assert (np.diag(found.errors.S) > least).all()
+    assert (np.diag(found.errors.S) < 3.0 * least + 2.0 * LEAST_ERROR**2).all()
 
 
 def test_without_noise_map_and_engine_come_back():
     beta = np.array([0.02, -0.01])
-    found = solve(LAYOUT, summed(drive(4, beta)), Prior(0.1, UNKNOWNS, (LEVEL, LEVEL)))
+    found = solve(LAYOUT, summed(drive(4, beta)), Prior(0.1, UNKNOWNS, (LEVEL, LEVEL), ALIKE))
     # z follows the deviations less the flow of one and one that it is computed from.
     np.testing.assert_allclose(found.mean[9:11], beta, atol=2e-5)
     np.testing.assert_allclose(found.theta, THETA, atol=2e-5)
@@ -173,9 +175,9 @@ def test_without_noise_map_and_engine_come_back():
 def test_a_wrong_engine_that_is_ignored_spoils_the_map():
     moments = summed(drive(4, (0.02, -0.01)))
     exact = unknowns_of({"a": 0.0, "b": 0.0}, ())
-    found = solve(LAYOUT, moments, Prior(0.1, exact, (LEVEL, LEVEL)))
+    found = solve(LAYOUT, moments, Prior(0.1, exact, (LEVEL, LEVEL), ALIKE))
     assert np.abs(found.theta - THETA).max() > 5e-3
-    kept = considered(solve(LAYOUT, moments, Prior(0.1, UNKNOWNS, (LEVEL, LEVEL))), moments, 0.1, UNKNOWNS)
+    kept = considered(solve(LAYOUT, moments, Prior(0.1, UNKNOWNS, (LEVEL, LEVEL), ALIKE)), moments, PRIOR)
     assert np.abs(kept.theta - THETA).max() > 5e-3
     # Considered, the tolerance at least is in the interval.
     assert (np.abs(kept.theta - THETA) < 3.0 * np.sqrt(np.diag(kept.covariance[:P, :P]))).all()
@@ -215,13 +217,13 @@ def test_sums_of_logs_add_up():
     both = logs[0] + logs[1]
     assert (both.windows == logs[0].windows + logs[1].windows).all()
     np.testing.assert_array_equal(both.products, logs[0].products + logs[1].products)
-    prior = Prior(0.1, UNKNOWNS, (LEVEL, LEVEL))
+    prior = Prior(0.1, UNKNOWNS, (LEVEL, LEVEL), ALIKE)
     one, two = (np.diag(solve(LAYOUT, moments, prior).covariance)[:11] for moments in (logs[0], both))
     assert np.median(two / one) == pytest.approx(0.5, rel=0.3)  # each finds its own S
 
 
 def test_no_log_leaves_the_prior():
-    found = solve(LAYOUT, windows.no_moments(GRID, LAYOUT), Prior(0.1, UNKNOWNS, (LEVEL, LEVEL)))
+    found = solve(LAYOUT, windows.no_moments(GRID, LAYOUT), Prior(0.1, UNKNOWNS, (LEVEL, LEVEL), ALIKE))
     np.testing.assert_array_equal(found.mean, 0.0)
     np.testing.assert_allclose(np.diag(found.covariance)[:11], [0.01] * 9 + [0.25 / 3.0] * 2, rtol=1e-6)
 
