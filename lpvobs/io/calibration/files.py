@@ -186,14 +186,8 @@ def write_netcdf(path: Path, surface: Surface, comments: list[str]) -> None:
 
 def changes(surface: Surface, old: OldMap, digits: int) -> list[Change]:
     """Return the nodes whose numbers, both rounded to `digits`, differ from the old ones; first by speed, then by fuel."""
-
-    def rounded(value: float) -> float:
-        return float(f"{value:.{digits}g}")
-
-    found = []
-    for (i, j), origin in np.ndenumerate(surface.origin):
-        before, after = (rounded(float(values[i, j])) for values in (old.ours.values.T, surface.values))
-        if before != after:
-            x, y = float(surface.x.nodes[i]), float(surface.y.nodes[j])
-            found.append(Change(x, y, before, after, ORIGINS[int(origin)]))
-    return found
+    rounded = np.vectorize(lambda value: float(f"{value:.{digits}g}"), otypes=[float])
+    before, after = rounded(old.ours.values.T), rounded(surface.values)
+    speed, fuel = np.meshgrid(surface.x.nodes, surface.y.nodes, indexing="ij")
+    columns = (each[before != after].tolist() for each in (speed, fuel, before, after, surface.origin))
+    return [Change(x, y, was, now, ORIGINS[origin]) for x, y, was, now, origin in zip(*columns, strict=True)]
