@@ -173,7 +173,7 @@ def lab_text(parameters: Sequence[str], channels: Sequence[str]) -> str:
 
 def write_netcdf(path: Path, surface: Surface, comments: list[str]) -> None:
     """Write a netCDF-4 file by the CF conventions, every number as it is."""
-    contents: mapping.Contents = {}
+    contents: hdf.Contents = {}
     for axis in (surface.x, surface.y):
         contents |= mapping.fields(axis_layout(axis.name, Item(axis.unit, axis.long_name)), axis)
     contents |= mapping.fields(surface_layout(surface.x.name, surface.y.name, surface.unit, "origin"), surface)

@@ -16,8 +16,8 @@ from lpvobs.engines.curves import Knowledge, LearnedCurve, LearnedNumber, Nodes
 from lpvobs.engines.healthy import HealthyErrors
 from lpvobs.engines.unknowns import LeftAtNodes, Unknowns
 from lpvobs.errors import DataError
-from lpvobs.io.results.hdf import Field, creating, reading, write_fields, write_group
-from lpvobs.io.results.mapping import Contents, Layout, fields, read, values, write, write_inner
+from lpvobs.io.results.hdf import Contents, Field, creating, reading, write_fields, write_group
+from lpvobs.io.results.mapping import Layout, fields, read, values, write
 from lpvobs.io.results.provenance import Provenance, expect_engine
 from lpvobs.observer.estimate import EngineFound
 from lpvobs.records import Array, Item
@@ -173,12 +173,11 @@ class _Calibrated(_UnknownsAsStored):
 
 def write_engine(path: Path, stored: StoredEngine) -> None:
     """Write an engine; at any instant the target is absent, the old file, or the complete new one."""
-    unknowns = stored.unknowns
+    unknowns = _Calibrated(*_stored(stored.unknowns), stored.prior_error)
+    components = _corrections(stored.unknowns, stored.unknowns.mean, stored.error)
+    beside: Contents = {"unknowns": fields(_Calibrated, unknowns), "components": components}
     with creating(path, KIND) as file:
-        write_fields(file, fields(StoredEngine, stored))
-        write_inner(file, stored, None)
-        write(file, "unknowns", _Calibrated(*_stored(unknowns), stored.prior_error))
-        write_corrections(file.create_group("components"), unknowns, unknowns.mean, stored.error)
+        write_fields(file, fields(StoredEngine, stored) | beside)
         if stored.learned is not None:
             write_learned(file, stored.learned)
 
@@ -199,19 +198,22 @@ def read_unknowns(group: h5py.Group, air_path: AirPath) -> Unknowns:
     return found
 
 
-def write_corrections(parent: h5py.Group, unknowns: Unknowns, mean: Array, error: Array) -> None:
-    """Write every correction over its own axes, for people."""
+def _corrections(unknowns: Unknowns, mean: Array, error: Array) -> Contents:
+    """Return the groups of all corrections, each over its own axes, for people."""
+    found: Contents = {}
     for component in unknowns.components:
         own = unknowns.places()[component.name]
-        axes = {
+        axes: Contents = {
             name.replace("/", "_over_"): Field(nodes.values, Item(nodes.unit, nodes.meaning))
             for name, nodes in component.axes.items()
         }
         shape = tuple(nodes.values.size for nodes in component.axes.values())
         item = Item(component.unit, component.meaning, tuple(axes))
-        shown: Contents = {**axes, "correction": Field(mean[own].reshape(shape), item), "group": component.group}
-        shown["standard_error"] = Field(error[own].reshape(shape), replace(item, meaning="standard error of it"))
-        write_group(parent, component.name, shown)
+        correction = Field(mean[own].reshape(shape), item)
+        spread = Field(error[own].reshape(shape), replace(item, meaning="standard error of it"))
+        shown: Contents = {"correction": correction, "standard_error": spread, "group": component.group}
+        found[component.name] = axes | shown
+    return found
 
 
 def read_engine(path: Path, air_path: AirPath) -> StoredEngine:
@@ -251,9 +253,8 @@ def write_engine_found(file: h5py.File, found: EngineFound) -> None:
     deviation[:q] = list(found.deviation().values())  # seen from the configured values
     covariance = unknowns.reduced(found.covariance) * np.outer(seen_from, seen_from)
     stored = EngineOfMap(unknowns.coordinates, deviation, covariance, unknowns.groups(), found.amplitudes)
-    group = write(file, ENGINE_FOUND, stored)
     errors = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))  # of what is known exactly, rounding is left
-    write_corrections(group, unknowns, found.mean, errors)
+    write(file, ENGINE_FOUND, stored, beside=_corrections(unknowns, found.mean, errors))
 
 
 def read_corrections(file: h5py.File, air_path: AirPath) -> dict[str, Array]:
