@@ -166,24 +166,18 @@ class _UnknownsAsStored:
     at_nodes: Annotated[LeftAtNodes | None, Item(name="left_at_nodes")]
 
 
-@dataclass(frozen=True, eq=False)
-class _Calibrated(_UnknownsAsStored):
-    prior_error: Annotated[Array, Item("1", "standard deviation before the data", ("unknown",))]
+PRIOR = Layout(StoredEngine, {"prior_error": Item("1", "standard deviation before the data", ("unknown",))})
 
 
 def write_engine(path: Path, stored: StoredEngine) -> None:
     """Write an engine; at any instant the target is absent, the old file, or the complete new one."""
-    unknowns = _Calibrated(*_stored(stored.unknowns), stored.prior_error)
+    unknowns = fields(_UnknownsAsStored, stored.unknowns)
+    unknowns["prior_error"] = fields(PRIOR, stored)["prior_error"]
     components = _corrections(stored.unknowns, stored.unknowns.mean, stored.error)
-    beside: Contents = {"unknowns": fields(_Calibrated, unknowns), "components": components}
     with creating(path, KIND) as file:
-        write_fields(file, fields(StoredEngine, stored) | beside)
+        write_fields(file, fields(StoredEngine, stored) | {"unknowns": unknowns, "components": components})
         if stored.learned is not None:
             write_learned(file, stored.learned)
-
-
-def _stored(unknowns: Unknowns) -> tuple[tuple[str, ...], Array, Array, LeftAtNodes | None]:
-    return unknowns.names, unknowns.mean, unknowns.covariance, unknowns.at_nodes
 
 
 def read_unknowns(group: h5py.Group, air_path: AirPath) -> Unknowns:
@@ -224,7 +218,7 @@ def read_engine(path: Path, air_path: AirPath) -> StoredEngine:
         return StoredEngine(
             **kept,
             unknowns=read_unknowns(file["unknowns"], air_path),
-            prior_error=read(file["unknowns"], _Calibrated).prior_error,
+            **values(file["unknowns"], PRIOR),
             learned=read_learned(file) if air_path.learns else None,
         )
 
@@ -246,7 +240,7 @@ class EngineOfMap:
 def write_engine_found(file: h5py.File, found: EngineFound) -> None:
     """Write constants, corrections over their own axes, and what a calibration knew, into a result that has none."""
     if found.unknowns.learned:
-        write(file, BEFORE, _UnknownsAsStored(*_stored(found.before())))
+        write_group(file, BEFORE, fields(_UnknownsAsStored, found.before()))
     unknowns, q = found.unknowns, len(found.unknowns.constants)
     seen_from = np.array([1.0 + found.point.get(name, 0.0) for name in unknowns.coordinates])
     deviation = unknowns.reduction.T @ (found.mean - unknowns.mean)
