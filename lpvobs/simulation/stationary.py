@@ -15,7 +15,7 @@ from lpvobs.simulation.derivative import derivative, flows
 from lpvobs.simulation.instruments import FREE, measure, wall_temperature
 from lpvobs.simulation.integrate import Commands, Course, Interval, Samples, Trip
 from lpvobs.simulation.parameters import FullLoad, SimulationParameters
-from lpvobs.simulation.plant import OMEGA_T, P_EM, P_IM, T_IM, U_VGT, Plant, plant_of, resting_state
+from lpvobs.simulation.plant import STATES, U_VGT, Plant, plant_of, resting_state
 
 UNITS = {
     "n_e": "rpm", "u_delta": "mg/cycle", "u_egr": "%", "u_vgt": "%", "p_im": "Pa", "p_em": "Pa", "omega_t": "rad/s",
@@ -139,12 +139,8 @@ def at_rest(
     held = Interval(course, Commands(u_egr, u_vgt, 0.0, 0.0), targets.period, 0)
     if not settle(plant, held, parameters.step, x):
         return None
-    f = flows(plant, x, integrate.inputs_at(held, 0.0))
-    return {
-        "n_e": point.n_e, "u_delta": f.u_delta, "u_egr": f.u_egr, "u_vgt": x[U_VGT], "p_im": x[P_IM], "p_em": x[P_EM],
-        "omega_t": x[OMEGA_T], "T_im": x[T_IM], "T_em": f.T_em, "p_amb": p_amb, "T_amb": T_amb,
-        "W_c": f.W_c, "W_egr": f.W_egr, "W_f": f.W_f,
-    }  # fmt: skip
+    given = integrate.inputs_at(held, 0.0)
+    return {**given._asdict(), **dict(zip(STATES, x.tolist(), strict=True)), **flows(plant, x, given)._asdict()}
 
 
 @njit(cache=True)
