@@ -15,7 +15,7 @@ from lpvobs.io.calibration.a2l import A2lMap
 from lpvobs.io.calibration.dcm import DcmMap
 from lpvobs.io.logs.units import canonical, convert
 from lpvobs.io.results import hdf, mapping
-from lpvobs.io.results.surfaces import LEFT_OUT, NONE, ORIGINS, Surface, axis_layout, surface_layout
+from lpvobs.io.results.surfaces import LEFT_OUT, NONE, ORIGINS, Surface, surface_layout
 from lpvobs.io.templates import filled
 from lpvobs.observer.estimate import ERROR
 from lpvobs.records import Array, Item
@@ -173,9 +173,8 @@ def lab_text(parameters: Sequence[str], channels: Sequence[str]) -> str:
 
 def write_netcdf(path: Path, surface: Surface, comments: list[str]) -> None:
     """Write a netCDF-4 file by the CF conventions, every number as it is."""
-    contents: hdf.Contents = {}
-    for axis in (surface.x, surface.y):
-        contents |= mapping.fields(axis_layout(axis.name, Item(axis.unit, axis.long_name)), axis)
+    axes = (surface.x, surface.y)
+    contents: hdf.Contents = {axis.name: hdf.Field(axis.nodes, Item(axis.unit, axis.long_name)) for axis in axes}
     contents |= mapping.fields(surface_layout(surface.x.name, surface.y.name, surface.unit, "origin"), surface)
     with hdf.creating(path) as file:
         file.attrs["Conventions"] = "CF-1.8"

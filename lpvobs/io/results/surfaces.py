@@ -163,11 +163,8 @@ def read_surface(path: Path, source: str = "") -> Surface:
             raise DataError(f"{path}: a result has no values named '{source}'; expected map or extrapolation")
         if source not in file:
             raise DataError(f"{path}: the result has no group /{source}; run `lpvobs extrapolate {path}` first")
-        group, (fuel, speed) = file[source], axes_of(file).items()
-        x, y = (
-            read(group, axis_layout(name, item), name=name, unit=item.unit, long_name=item.meaning)
-            for name, item in (speed, fuel)
-        )
+        group, axes = file[source], axes_of(file)
+        x, y = surface_axes(axes, read(group, grid_layout(axes)))
         unit, held = str(group["delta_W_c"].attrs["units"]), group if source == "extrapolation" else file["nodes"]
         covariance, layout = held["covariance"][()].astype(float), surface_layout(x.name, y.name, unit, "support")
         return read(group, layout, x=x, y=y, covariance=covariance, unit=unit, source=source)
@@ -195,9 +192,11 @@ def mean_flow(path: Path) -> float:
     return sum(samples * flow for samples, flow in logs) / sum(samples for samples, _ in logs)
 
 
-def axis_layout(name: str, item: Item) -> Layout[SurfaceAxis]:
-    """Return how an axis stands in a group."""
-    return Layout(SurfaceAxis, {"nodes": replace(item, name=name)})
+def surface_axes(axes: Axes, grid: Grid) -> tuple[SurfaceAxis, SurfaceAxis]:
+    """Return the axes of a surface on the nodes of a grid: speed, then fuel."""
+    nodes = zip(axes.items(), (grid.fuel, grid.speed), strict=True)
+    y, x = (SurfaceAxis(name, item.unit, item.meaning, each) for (name, item), each in nodes)
+    return x, y
 
 
 def surface_layout(x: str, y: str, unit: str, origin: str) -> Layout[Surface]:
