@@ -221,11 +221,12 @@ def plan_bench(config: File, engine: File, *, progress: Progress | None = None) 
     Raises UsageError if nothing simulates the engine; DataError if the engine cannot be used, or does not come to rest.
     """
     from lpvobs.api.simulate import plant_of  # the simulator is loaded where it runs: a calibration needs none
+    from lpvobs.simulation import stationary
 
     stored = read_engine(as_path(engine), load_config(as_path(config))[0].engine_path())
-    configuration, plant = plant_of(config, engine)
+    configuration, parameters = plant_of(config, engine)
     air_path = configuration.engine_path()
-    found = plant.bench(configuration.engine, configuration.simulation, FEASIBLE, 1, shown(progress)).channels
+    found = stationary.bench(configuration.engine, parameters, FEASIBLE, 1, shown(progress)).channels
     rows = rows_of(air_path, stored.unknowns.seen_from(stored.deviation), [bench_table(air_path, found)])
     chosen, told = best_points(rows, stored.unknowns.covariance, stored.left, BEST)
     set_by = [axis.channel for axis in air_path.axes]

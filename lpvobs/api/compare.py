@@ -16,7 +16,7 @@ from lpvobs.errors import DataError, NotProven, UsageError
 from lpvobs.io.configuration.config import config_of
 from lpvobs.io.logs.units import convert
 from lpvobs.io.results.fleets import read_fleet
-from lpvobs.io.results.surfaces import NONE, Surface, SurfaceAxis, read_surface
+from lpvobs.io.results.surfaces import NONE, Surface, read_surface, surface_axes
 from lpvobs.kinds import Count, KgPerS
 from lpvobs.maps.joint import Joint
 from lpvobs.maps.quadratic import ESTIMATED
@@ -162,10 +162,7 @@ def _between(path: Path, vehicle: str, pair: tuple[str, str]) -> tuple[Surface, 
     shape, known = fleet.grid.shape, np.isin(np.arange(fleet.grid.size), on)
     maps, covariance = np.full((2, known.size), np.nan), np.zeros((known.size, known.size))
     maps[:, on], covariance[np.ix_(on, on)] = values, errors
-    y, x = (
-        SurfaceAxis(name, item.unit, item.meaning, nodes)
-        for (name, item), nodes in zip(fleet.axes.items(), (fleet.grid.fuel, fleet.grid.speed), strict=True)
-    )
+    x, y = surface_axes(fleet.axes, fleet.grid)
     error = np.where(known, np.sqrt(np.diag(covariance)), np.nan).reshape(shape)
     origin = np.where(known, ESTIMATED, NONE).astype(np.int8).reshape(shape)
     before, after = maps.reshape(2, *shape)

@@ -6,7 +6,7 @@ from pathlib import Path
 from lpvobs.api.files import File, as_path, writing
 from lpvobs.engines.registry import ENGINES
 from lpvobs.errors import UsageError
-from lpvobs.io.calibration import dcm, exchange, files
+from lpvobs.io.calibration import dcm, files
 from lpvobs.io.calibration.a2l import A2lMap, read_a2l_map
 from lpvobs.io.calibration.files import Change
 from lpvobs.io.configuration.config import config_of
@@ -88,14 +88,14 @@ def export(
         if file_format == "lab":
             with reading(path, KIND, REMEDY) as file:
                 engine = ENGINES[str(file.attrs["air_path"])]
-            _write(target, exchange.lab_text([name], [*engine.air_path.channels]), dcm.ENCODING)
+            _write(target, files.lab_text([name], [*engine.air_path.channels]), dcm.ENCODING)
             return Exported(surfaces.read_surface(path, values), None, 0.0)
         most = widest * surfaces.mean_flow(path)
         surface = surfaces.read_surface(path, values)
         its = None if described is None else read_a2l_map(described, name)
         was = None if before is None else dcm.read_dcm_map(before, name)
         unit = unit or _given_unit(its, was)
-        meant = replace(surface, unit={exchange.FACTOR: "1"}.get(unit, unit))
+        meant = replace(surface, unit={files.FACTOR: "1"}.get(unit, unit))
         known = files.described(described, its, meant) if described and its else None
         known = known if before is None or was is None else files.understood(before, was, meant)
         if known is not None:
@@ -118,8 +118,8 @@ def export(
         else:
             kind = kind or (known.item.kind if known else "KENNFELD")
             comments.insert(2, f"numbers rounded to {digits} significant digits")
-            item = files.as_dcm(surface, name, kind, known, 1.0 if unit == exchange.FACTOR else 0.0)
-            if unit == exchange.FACTOR and was is None:
+            item = files.as_dcm(surface, name, kind, known, 1.0 if unit == files.FACTOR else 0.0)
+            if unit == files.FACTOR and was is None:
                 item = replace(item, long_name="factor of the mass air flow sensor: truth is reading times factor")
             if its is not None:
                 held, limited = its.fitted(item.values)
@@ -130,7 +130,7 @@ def export(
             if file_format == "dcm":
                 _write(target, dcm.dcm_text(item, digits, comments), dcm.ENCODING)
             else:
-                _write(target, exchange.cdfx_text(item, digits, comments), "utf-8")
+                _write(target, files.cdfx_text(item, digits, comments), "utf-8")
     changed = None if was is None or known is None else files.changes(surface, known, digits)
     return Exported(surface, changed, most, limited)
 
@@ -143,12 +143,12 @@ def _write(path: Path, text: str, encoding: str) -> None:
 def _given_unit(its: A2lMap | None, old: dcm.DcmMap | None) -> str:
     """Return the unit that the other files have the values in, where it is one that cannot be converted to; else kg/s."""
     unit = (its.unit if its is not None else old.unit if old is not None else "") or "kg/s"
-    return unit if canonical(unit) in (exchange.PERCENT, exchange.PER_STROKE) else "kg/s"
+    return unit if canonical(unit) in (files.PERCENT, files.PER_STROKE) else "kg/s"
 
 
 def _in_unit(path: Path, surface: surfaces.Surface, unit: str) -> surfaces.Surface:
-    share, cylinders = unit in (exchange.FACTOR, exchange.PERCENT), 0.0
-    if canonical(unit) == exchange.PER_STROKE:
+    share, cylinders = unit in (files.FACTOR, files.PERCENT), 0.0
+    if canonical(unit) == files.PER_STROKE:
         with reading(path, KIND, REMEDY) as file:
             text = str(file["provenance"].attrs["config"])
         cylinders = config_of(text, path).engine_path().cylinders
@@ -157,7 +157,7 @@ def _in_unit(path: Path, surface: surfaces.Surface, unit: str) -> surfaces.Surfa
                 f"--unit {unit}: this kind of engine has no number of cylinders; expected a unit of flow, % or factor"
             )
     mean = surfaces.read_readings(path, surface).values if share else None
-    return exchange.in_unit(surface, unit, mean, cylinders)
+    return files.in_unit(surface, unit, mean, cylinders)
 
 
 def _refuse_contradictions(

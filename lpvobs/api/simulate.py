@@ -10,8 +10,9 @@ from lpvobs.io.configuration.config import Config, Effects, load_config, load_ef
 from lpvobs.io.logs import bench, finding, parquet
 from lpvobs.io.results.engines import read_engine
 from lpvobs.kinds import Count, Seconds
-from lpvobs.simulation import plants, stationary
-from lpvobs.simulation.simulate import SimulatedLog
+from lpvobs.simulation import simulate as plant
+from lpvobs.simulation import stationary
+from lpvobs.simulation.parameters import SimulationParameters
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,7 +37,7 @@ def simulate(
     vehicle: str | None = None,
     date: str | None = None,
     progress: Progress | None = None,
-) -> SimulatedLog:
+) -> plant.SimulatedLog:
     """Drive the simulated diesel over a cycle and write the log that its sensors record.
 
     Raises UsageError for a configuration without `[simulation]`, an unknown cycle, an impossible rate, or an effect that cannot
@@ -62,27 +63,27 @@ def simulate(
     The plant is that of Wahlström and Eriksson (the paper's reference 16), Eq. (1) and (2) with six further states.
     """
     with writing(out, [config, cycle, effects, engine]) as target:
-        configuration, plant = plant_of(config, engine)
+        configuration, parameters = plant_of(config, engine)
         origin = finding.own_origin(vehicle, date, configuration.air_path)
         wanted = Effects() if effects is None else load_effects(as_path(effects))
-        log = plant.run(
-            configuration.engine, configuration.simulation, cycle, rate, seed, wanted.surface, shown(progress),
+        log = plant.simulate(
+            configuration.engine, parameters, cycle, rate, seed, wanted.surface, shown(progress),
             effects=wanted.injected, auxiliary=wanted.auxiliary, sensors=configuration.sensors,
         )  # fmt: skip
         parquet.write_log(target, log.channels, log.units, origin)
     return log
 
 
-def plant_of(config: File, engine: File | None = None) -> tuple[Config, plants.Simulator]:
+def plant_of(config: File, engine: File | None = None) -> tuple[Config, SimulationParameters]:
     """Return a configuration with the constants of a calibrated engine, and its plant; raises UsageError where it has none."""
     configuration, _ = load_config(as_path(config))
-    plant = configuration.kind.plant
-    if not plant:
+    if not configuration.kind.plant:
         able = ", ".join(f"configs/{kind.example}" for kind in ENGINES.values() if kind.plant)
         raise UsageError(
             f"{config}: there is no simulator for air_path = '{configuration.air_path}'; engines with a simulator are in {able}"
         )
-    if configuration.simulation is None:
+    parameters = configuration.simulation
+    if parameters is None:
         raise UsageError(
             f"{config}: the [simulation] tables for simulate are missing; copy them from configs/{configuration.kind.example}"
         )
@@ -91,7 +92,7 @@ def plant_of(config: File, engine: File | None = None) -> tuple[Config, plants.S
         air_path = configuration.engine_path()
         there = air_path.deviating(read_engine(as_path(engine), air_path).deviation)
         configuration = replace(configuration, engine=there.engine)
-    return configuration, plants.PLANTS[plant]
+    return configuration, parameters
 
 
 def simulate_bench(
@@ -118,7 +119,7 @@ def simulate_bench(
         averaged over 30 s, and `W_reference`, `sd_W_reference`, `W_egr_reference`, `W_f` [kg/s].
     """
     with writing(out, [config, engine]) as target:
-        configuration, plant = plant_of(config, engine)
-        table = plant.bench(configuration.engine, configuration.simulation, points, seed, shown(progress))
+        configuration, parameters = plant_of(config, engine)
+        table = stationary.bench(configuration.engine, parameters, points, seed, shown(progress))
         bench.write_table(target, table.channels, table.units)
     return table

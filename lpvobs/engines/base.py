@@ -190,7 +190,7 @@ class EngineKind:
     residual_model: Callable[[Any, AirPath, HealthyErrors | None, Collection[str], Unknowns | None], ResidualModel]
     # those errors, from the configuration's `[engine]` and healthy logs; for an engine that learns
     errors: Callable[[Any, Sequence[Log]], HealthyErrors] | None = None
-    plant: str = ""  # what simulates it, a name in `lpvobs.simulation.plants`; empty where nothing does
+    plant: str = ""  # what simulates it, a name in `lpvobs.simulation.parameters`; empty where nothing does
     published: Published | None = None  # a printed gain for it
     # a log by formula, for the self-test: takes the configuration's `[engine]` and the sensor's error [kg/s] as a
     # function of the map's inputs, and returns every channel, `time`, `ref_W_c` and `ref_delta_W_c`

@@ -123,14 +123,10 @@ class Timed:
         return np.asarray(self.share(time) > 0.0)
 
 
-@njit(cache=True)
 def relay(values: Array, low: float, high: float) -> Array:
     """Return one from where values, shape (M,), rise above `high` until they fall below `low`, else zero."""
-    found, on = np.zeros(values.size), False
-    for k in range(values.size):
-        on = values[k] >= low if on else values[k] > high
-        found[k] = 1.0 if on else 0.0
-    return found
+    decides = np.where((values > high) | (values < low), np.arange(values.size), 0)
+    return np.where(values[np.maximum.accumulate(decides)] > high, 1.0, 0.0)
 
 
 def lagged(W: Array, step: float, tau: float) -> Array:

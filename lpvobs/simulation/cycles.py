@@ -37,9 +37,8 @@ class SpeedCycle:
 
     time: Array  # (M,) [s], increasing from zero
     speed: Array  # (M,) [m/s]
-    # (M,) prescribed gear from 1; 0 where the table says neutral. None leaves the gear to the driver.
-    gear: NDArray[np.int64] | None
-    engaged: NDArray[np.bool_] | None  # (M,) whether the clutch may transmit; a change of gear opens it all the same
+    gear: NDArray[np.int64]  # (M,) prescribed gear from 1, 0 for neutral; below zero the driver chooses it
+    engaged: NDArray[np.bool_]  # (M,) whether the clutch may transmit; a change of gear opens it all the same
 
 
 @dataclass(frozen=True)
@@ -95,11 +94,11 @@ def read_cycle(path: Path, end: float = np.inf, world_harmonised: bool = False) 
     time, speed = (_numbers(path, columns, name) for name in SPEED_COLUMNS)
     keep = _kept(path, time, end)
     _check_range(path, "speed_kmh", speed[keep], 0.0, 300.0)
-    gear = engaged = None
+    gear, engaged = np.full(time.size, -1), np.ones(time.size, dtype=bool)
     if "gear" in columns and "clutch" in columns:
-        gear = _numbers(path, columns, "gear")[keep].astype(np.int64)
-        engaged = np.array([text.strip() in ("engaged", "gear_change") for text in columns["clutch"]])[keep]
-    return SpeedCycle(time[keep] - time[0], speed[keep] / 3.6, gear, engaged)
+        gear = np.maximum(_numbers(path, columns, "gear").astype(np.int64), 0)
+        engaged = np.array([text.strip() in ("engaged", "gear_change") for text in columns["clutch"]])
+    return SpeedCycle(time[keep] - time[0], speed[keep] / 3.6, gear[keep], engaged[keep])
 
 
 def _columns(path: Path) -> dict[str, list[str]]:

@@ -47,10 +47,9 @@ def look_up(rows: Array, columns: Array, values: Array, row: float, column: floa
 
 
 @njit(cache=True)
-def control(
-    targets: Targets, last: Commands, n_e: float, u_demand: float, p_im: float, p_em: float, W_c: float, p_amb: float
-) -> Commands:
-    """Return the next commands."""
+def control(targets: Targets, last: Commands, given: Inputs, x: Array, W_c: float) -> Commands:
+    """Return the next commands, for the state x, shape (9,), and a flow W_c [kg/s]."""
+    n_e, u_demand, p_im = given.n_e, given.u_demand, x[P_IM]
     # With EGR active the valve opens while there is more fresh air than wanted, and the vanes hold p_em - p_im; otherwise
     # the valve is shut and the vanes hold the boost. The integrators stop at the limits of what they drive; the valve's
     # rests while shut.
@@ -62,11 +61,11 @@ def control(
         moved = last.egr_integral + targets.period * targets.egr_integral * excess
         egr_integral = min(max(moved, 0.0), targets.egr_max)
         u_egr = min(max(egr_integral + targets.egr_proportional * excess, 0.0), targets.egr_max)
-        missing = targets.delta_p[0] + targets.delta_p[1] * n_e - (p_em - p_im)
+        missing = targets.delta_p[0] + targets.delta_p[1] * n_e - (x[P_EM] - p_im)
         kp, ki = targets.pressure_proportional, targets.pressure_integral
     else:
         egr_integral, u_egr = last.egr_integral, 0.0
-        missing = look_up(targets.boost_n_e, targets.boost_u_delta, targets.boost, n_e, u_demand) * p_amb - p_im
+        missing = look_up(targets.boost_n_e, targets.boost_u_delta, targets.boost, n_e, u_demand) * given.p_amb - p_im
         kp, ki = targets.boost_proportional, targets.boost_integral
     vgt_integral = min(max(last.vgt_integral - targets.period * ki * missing, targets.vgt_min), targets.vgt_max)
     u_vgt = min(max(vgt_integral - kp * missing, targets.vgt_min), targets.vgt_max)
@@ -93,6 +92,15 @@ class Course(NamedTuple):
     v_air: Array  # [m/s]
 
 
+class Interval(NamedTuple):
+    """The time between two actions of the control."""
+
+    course: Course
+    commands: Commands
+    period: float  # s
+    action: int  # the first of the two, after which the commands hold
+
+
 class Samples(NamedTuple):
     """When to record: in which step since the start, and how long after its beginning; both of shape (N,)."""
 
@@ -114,12 +122,18 @@ def at_samples(values: Array, samples: Samples, step: float) -> Array:
     return np.asarray(values[samples.step] + samples.after / step * (values[after] - values[samples.step]))
 
 
+class Trip(NamedTuple):
+    """What is driven: the course under the control with its targets, in steps [s] of the integrator, and what is recorded."""
+
+    targets: Targets
+    course: Course
+    samples: Samples
+    step: float
+
+
 def drive(
     stages: Sequence[tuple[int, Plant]],
-    targets: Targets,
-    course: Course,
-    samples: Samples,
-    step: float,
+    trip: Trip,
     x: Array,
     progress: Callable[[float], None] | None = None,
     with_trail: bool = False,
@@ -130,6 +144,7 @@ def drive(
     (steps + 1, len(TRAIL)), otherwise no row of it. `stages` are the plant from each of some actions of the control on, rising
     from 0. Between two steps a sample is reached by a shorter step aside, so that recording never disturbs the course.
     """
+    targets, course, samples, step = trip
     substeps = round(targets.period / step)
     commands = np.array([0.0, x[U_VGT], 0.0, x[U_VGT]])
     recorded = np.empty((samples.step.size, len(RECORDED)))
@@ -139,10 +154,10 @@ def drive(
     plants, plant = dict(stages), stages[0][1]
     for first, last in pairwise(sorted({*plants, *range(0, actions, CHUNK), actions})):
         plant = plants.get(first, plant)
-        done = _run(plant, targets, course, samples, step, substeps, first, last, x, commands, done, recorded, trail)
+        done = _run(plant, trip, first, last, x, commands, done, recorded, trail)
         if progress is not None:
             progress(last / actions)
-    end = inputs_at(course, Commands(*commands), targets.period, actions - 1, targets.period)
+    end = inputs_at(Interval(course, Commands(*commands), targets.period, actions - 1), targets.period)
     if done < samples.step.size:  # the last sample may lie on the end of the course
         record(plant, end, x, recorded[done])
     if with_trail:
@@ -152,52 +167,40 @@ def drive(
 
 @njit(cache=True)
 def _run(
-    plant: Plant,
-    targets: Targets,
-    course: Course,
-    samples: Samples,
-    step: float,
-    substeps: int,
-    first: int,
-    last: int,
-    x: Array,
-    memory: Array,
-    done: int,
-    recorded: Array,
-    trail: Array,
+    plant: Plant, trip: Trip, first: int, last: int, x: Array, memory: Array, done: int, recorded: Array, trail: Array
 ) -> int:
     """Run the actions first..last and record the samples on the way; return the number of samples done."""
     # The last commands stay in `memory`, shape (4,). They are not returned as `Commands`: numba makes that in Python, where
     # a signal that arrived meanwhile is raised, and numba does not expect it there.
-    commands = Commands(memory[0], memory[1], memory[2], memory[3])
+    targets, course, samples, step = trip
+    commands, substeps = Commands(memory[0], memory[1], memory[2], memory[3]), round(targets.period / step)
     work = np.empty((6, x.size))
     for action in range(first, last):
-        n_e, u_demand = course.n_e[action], course.u_demand[action]
-        given = inputs_at(course, commands, targets.period, action, 0.0)
+        given = inputs_at(Interval(course, commands, targets.period, action), 0.0)
         W_c = flows(plant, x, given).W_c
-        commands = control(targets, commands, n_e, u_demand, x[P_IM], x[P_EM], W_c, course.p_amb[action])
+        commands = control(targets, commands, given, x, W_c)
+        now = Interval(course, commands, targets.period, action)
         for part in range(substeps):
             start = part * step
             while done < samples.step.size and samples.step[done] == action * substeps + part:
                 after = samples.after[done]
                 work[5] = x
                 if after > 0.0:
-                    runge_kutta(plant, course, commands, targets.period, action, start, after, work[5], work)
-                now = inputs_at(course, commands, targets.period, action, start + after)
-                record(plant, now, work[5], recorded[done])
+                    runge_kutta(plant, now, start, after, work[5], work)
+                record(plant, inputs_at(now, start + after), work[5], recorded[done])
                 done += 1
             if trail.shape[0] > 0:
-                now = inputs_at(course, commands, targets.period, action, start)
-                keep(plant, now, x, trail[action * substeps + part])
-            runge_kutta(plant, course, commands, targets.period, action, start, step, x, work)
+                keep(plant, inputs_at(now, start), x, trail[action * substeps + part])
+            runge_kutta(plant, now, start, step, x, work)
     for index in range(4):
         memory[index] = commands[index]
     return done
 
 
 @njit(cache=True)
-def inputs_at(course: Course, commands: Commands, period: float, action: int, after: float) -> Inputs:
+def inputs_at(now: Interval, after: float) -> Inputs:
     """Return the plant's inputs some time [s] after an action of the control."""
+    course, commands, period, action = now
     share = after / period
     n_e = (1.0 - share) * course.n_e[action] + share * course.n_e[action + 1]
     u_demand = (1.0 - share) * course.u_demand[action] + share * course.u_demand[action + 1]
@@ -209,26 +212,16 @@ def inputs_at(course: Course, commands: Commands, period: float, action: int, af
 
 
 @njit(cache=True)
-def runge_kutta(
-    plant: Plant,
-    course: Course,
-    commands: Commands,
-    period: float,
-    action: int,
-    start: float,
-    step: float,
-    x: Array,
-    work: Array,
-) -> None:
+def runge_kutta(plant: Plant, now: Interval, start: float, step: float, x: Array, work: Array) -> None:
     """Move the state x on by one step [s] that begins `start` seconds after an action; `work` holds the slopes."""
-    middle = inputs_at(course, commands, period, action, start + 0.5 * step)
-    derivative(plant, x, inputs_at(course, commands, period, action, start), work[0])
+    middle = inputs_at(now, start + 0.5 * step)
+    derivative(plant, x, inputs_at(now, start), work[0])
     _shift(x, 0.5 * step, work[0], work[4])
     derivative(plant, work[4], middle, work[1])
     _shift(x, 0.5 * step, work[1], work[4])
     derivative(plant, work[4], middle, work[2])
     _shift(x, step, work[2], work[4])
-    derivative(plant, work[4], inputs_at(course, commands, period, action, start + step), work[3])
+    derivative(plant, work[4], inputs_at(now, start + step), work[3])
     for i in range(x.size):
         x[i] += step / 6.0 * (work[0, i] + 2.0 * work[1, i] + 2.0 * work[2, i] + work[3, i])
     x[OMEGA_T] = max(x[OMEGA_T], SLOWEST_TURBINE)

@@ -3,7 +3,7 @@
 SI units unless a name or a comment says otherwise; speeds in rpm, fuel in mg per cylinder and cycle, openings in %.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from itertools import pairwise
 from math import inf, isfinite
@@ -300,6 +300,10 @@ class SimulationParameters(Checked):
         )
         ratio = self.control.period / self.step
         _require(round(ratio) >= 1 and abs(ratio - round(ratio)) < 1e-9, "control.period must be a multiple of step")
+
+
+PLANTS: Mapping[str, type] = {"nine states": SimulationParameters}
+"""The record of `[simulation]` by what simulates an engine, as the engine's own record names it."""
 
 
 def _require(holds: bool, message: str) -> None:

@@ -17,7 +17,7 @@ from lpvobs.records import Array
 from lpvobs.simulation.disturbances import ChannelEffect, Injected
 from lpvobs.simulation.effects import CATALOGUE, CatalogueEffect
 from lpvobs.simulation.instruments import record, shown_late
-from lpvobs.simulation.integrate import drive, sample_times, targets_of
+from lpvobs.simulation.integrate import Trip, drive, sample_times, targets_of
 from lpvobs.simulation.parameters import ErrorSurface, SimulationParameters
 from lpvobs.simulation.plant import SOUND, Condition, Plant, Rise, plant_of, resting_state
 from lpvobs.simulation.readings import WARM, WITH_MEMORY, Instruments, behind, sense
@@ -175,10 +175,7 @@ def _drive(
     samples = sample_times(rate, scene.duration, parameters.step)
     recorded, trail = drive(
         stages_of(plant, acting, scene.period, course.n_e.size - 1),
-        targets_of(parameters, engine.geometry.n_cyl),
-        course,
-        samples,
-        parameters.step,
+        Trip(targets_of(parameters, engine.geometry.n_cyl), course, samples, parameters.step),
         resting_state(plant, course.p_amb[0], course.T_amb[0]),
         progress,
         with_trail=any(effect.id in WITH_MEMORY for effect in acting),

@@ -10,11 +10,12 @@ from lpvobs.compiled import njit
 from lpvobs.engines.diesel.constants import DieselEngine
 from lpvobs.errors import DataError, UsageError
 from lpvobs.records import Array
+from lpvobs.simulation import integrate
 from lpvobs.simulation.derivative import derivative, flows
 from lpvobs.simulation.instruments import FREE, measure, wall_temperature
-from lpvobs.simulation.integrate import Commands, Course, Samples, drive, inputs_at, runge_kutta, targets_of
+from lpvobs.simulation.integrate import Commands, Course, Interval, Samples, Trip
 from lpvobs.simulation.parameters import FullLoad, SimulationParameters
-from lpvobs.simulation.plant import OMEGA_T, P_EM, P_IM, T_IM, U_VGT, Plant, plant_of, resting_state
+from lpvobs.simulation.plant import STATES, U_VGT, Plant, plant_of, resting_state
 
 UNITS = {
     "n_e": "rpm", "u_delta": "mg/cycle", "u_egr": "%", "u_vgt": "%", "p_im": "Pa", "p_em": "Pa", "omega_t": "rad/s",
@@ -124,7 +125,7 @@ def at_rest(
     """Return the true signals and flows at a point: the control finds it, then valve and vanes are fixed until nothing moves."""
     # None where it keeps moving: a compressor that surges, which a bench does not stay in.
     p_amb, T_amb = parameters.ambient.p_amb, parameters.ambient.T_amb + point.warmer
-    targets = targets_of(parameters, engine.geometry.n_cyl)
+    targets = integrate.targets_of(parameters, engine.geometry.n_cyl)
     still = np.ones(round(APPROACH / targets.period) + 1)
     W_f = 1e-6 / 120.0 * point.u_delta * point.n_e * engine.geometry.n_cyl
     heat = parameters.combustion.q_HV * W_f / engine.geometry.V_d
@@ -132,28 +133,24 @@ def at_rest(
     course = Course(point.n_e * still, point.u_delta * still, p_amb * still, T_amb * still, wall, FREE * still)
     x = resting_state(plant, p_amb, T_amb)
     nothing = Samples(np.empty(0, dtype=np.int64), np.empty(0))
-    drive([(0, plant)], targets, course, nothing, parameters.step, x)
+    integrate.drive([(0, plant)], Trip(targets, course, nothing, parameters.step), x)
     u_egr = point.opening * targets.egr_max
     u_vgt = min(max(float(x[U_VGT]) + point.vanes, targets.vgt_min + 5.0), targets.vgt_max)
-    held = Commands(u_egr, u_vgt, 0.0, 0.0)
-    if not settle(plant, course, held, targets.period, parameters.step, PATIENCE, x):
+    held = Interval(course, Commands(u_egr, u_vgt, 0.0, 0.0), targets.period, 0)
+    if not settle(plant, held, parameters.step, x):
         return None
-    f = flows(plant, x, inputs_at(course, held, targets.period, 0, 0.0))
-    return {
-        "n_e": point.n_e, "u_delta": f.u_delta, "u_egr": f.u_egr, "u_vgt": x[U_VGT], "p_im": x[P_IM], "p_em": x[P_EM],
-        "omega_t": x[OMEGA_T], "T_im": x[T_IM], "T_em": f.T_em, "p_amb": p_amb, "T_amb": T_amb,
-        "W_c": f.W_c, "W_egr": f.W_egr, "W_f": f.W_f,
-    }  # fmt: skip
+    given = integrate.inputs_at(held, 0.0)
+    return {**given._asdict(), **dict(zip(STATES, x.tolist(), strict=True)), **flows(plant, x, given)._asdict()}
 
 
 @njit(cache=True)
-def settle(plant: Plant, course: Course, held: Commands, period: float, step: float, patience: float, x: Array) -> bool:
+def settle(plant: Plant, held: Interval, step: float, x: Array) -> bool:
     """Move the state x, shape (9,), on until it moves by less than `STILL`; return whether it came to that."""
     work, rate = np.empty((6, x.size)), np.empty(x.size)
-    given = inputs_at(course, held, period, 0, 0.0)
-    for _ in range(round(patience)):
+    given = integrate.inputs_at(held, 0.0)
+    for _ in range(round(PATIENCE)):
         for _ in range(round(1.0 / step)):
-            runge_kutta(plant, course, held, period, 0, 0.0, step, x, work)
+            integrate.runge_kutta(plant, held, 0.0, step, x, work)
         derivative(plant, x, given, rate)
         if np.all(np.abs(rate) <= STILL * np.maximum(np.abs(x), 1e-2)):
             return True

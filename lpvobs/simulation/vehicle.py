@@ -96,14 +96,11 @@ def drive_speed_cycle(vehicle: Vehicle, work: Work, cycle: SpeedCycle, raster: f
     delay = round(vehicle.reaction_time / raster)
     foreseen = np.concatenate([np.full(delay, acceleration[0]), acceleration])[: time.size]
     row = np.searchsorted(cycle.time, time + 1e-9, side="right") - 1
-    if cycle.gear is None or cycle.engaged is None:
-        gear, engaged = np.full(time.size, -1), np.ones(time.size, dtype=bool)
-    else:
-        gear, engaged = np.clip(cycle.gear[row] - 1, 0, len(vehicle.gears) - 1), cycle.engaged[row]
+    gear = np.where(cycle.gear < 0, -1, np.clip(cycle.gear - 1, 0, len(vehicle.gears) - 1))
     ratio = tuple(gear * vehicle.final_drive / vehicle.wheel_radius for gear in vehicle.gears)
     road_0 = vehicle.road_constant + vehicle.rolling_resistance * vehicle.mass * 9.81
     car = flat(Car, vehicle, ratio=ratio, road_0=road_0, road_2=vehicle.road_quadratic * 3.6**2)
-    return _follow(car, work, raster, wanted, foreseen, gear, engaged)
+    return _follow(car, work, raster, wanted, foreseen, gear[row], cycle.engaged[row])
 
 
 def smooth(values: Array, width: float) -> Array:

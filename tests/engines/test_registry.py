@@ -7,7 +7,7 @@ from repository import CONFIGS
 from lpvobs.engines.channels import recorded as listed
 from lpvobs.engines.registry import ENGINES, usual_engine
 from lpvobs.io.configuration.config import load_config
-from lpvobs.simulation.plants import PLANTS
+from lpvobs.simulation.parameters import PLANTS
 
 
 @pytest.fixture(params=ENGINES)
@@ -34,7 +34,7 @@ def test_its_example_is_a_configuration_of_it(kind):
     for name, record in kind.tables.items():
         assert isinstance(getattr(config, name), record)
     assert (config.simulation is not None) == bool(kind.plant)
-    assert not kind.plant or isinstance(config.simulation, PLANTS[kind.plant].parameters)
+    assert not kind.plant or isinstance(config.simulation, PLANTS[kind.plant])
     bounds = config.engine_path().rate_bounds(config.gain.temperatures)
     assert tuple(bounds) == kind.air_path.rate_names
     assert all(0.0 < low < high for low, high in bounds.values())

@@ -1,18 +1,26 @@
-"""The error map in files for calibration tools: DCM, CSV, netCDF; and what it changes against an old DCM."""
+"""The error map in files for calibration tools, in the units of control units; and what it changes against an old DCM.
 
+Formats are DCM, CDFX (ASAM CDF 2.0), CSV, netCDF, and INCA's label lists.
+"""
+
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from xml.sax.saxutils import escape
 
 import numpy as np
 
-from lpvobs.errors import DataError
+from lpvobs.errors import DataError, UsageError
 from lpvobs.io.calibration.a2l import A2lMap
 from lpvobs.io.calibration.dcm import DcmMap
 from lpvobs.io.logs.units import canonical, convert
 from lpvobs.io.results import hdf, mapping
-from lpvobs.io.results.surfaces import LEFT_OUT, NONE, ORIGINS, Surface, axis_layout, surface_layout
+from lpvobs.io.results.surfaces import LEFT_OUT, NONE, ORIGINS, Surface, surface_layout
+from lpvobs.io.templates import filled
 from lpvobs.observer.estimate import ERROR
-from lpvobs.records import Item
+from lpvobs.records import Array, Item
+
+FACTOR, PERCENT, PER_STROKE = "factor", "%", "mg/cycle"
 
 
 @dataclass(frozen=True)
@@ -105,6 +113,38 @@ def as_dcm(surface: Surface, name: str, kind: str, old: OldMap | None, nothing: 
     )
 
 
+def in_unit(surface: Surface, unit: str, reading: Array | None, cylinders: float) -> Surface:
+    """Return a map [kg/s] in another unit; nodes where that cannot be said are left out.
+
+    `%` is a share of the mean reading around the node, shape (p2, p1) [kg/s], and `factor` what to multiply a reading with:
+    1 - error / reading. `mg/stroke` is air per cylinder and cycle at the speed of the node, of an engine with so many cylinders.
+    """
+    share = np.full(surface.values.shape, np.nan) if reading is None else np.where(reading > 0.0, reading, np.nan)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        if unit in (FACTOR, PERCENT):
+            by, name = (-1.0 / share, "1") if unit == FACTOR else (100.0 / share, "%")
+        elif canonical(unit) == PER_STROKE:
+            by, name = np.broadcast_to(1.2e8 / (cylinders * surface.x.nodes[:, None]), surface.values.shape), unit
+        else:
+            try:
+                by, name = np.full(surface.values.shape, float(convert(np.ones(1), surface.unit, unit)[0])), unit
+            except ValueError:
+                raise UsageError(
+                    f"--unit {unit}: is not a unit of flow; expected for example kg/h, g/s, mg/stroke or %"
+                ) from None
+        values = by * surface.values + (1.0 if unit == FACTOR else 0.0)
+    known = np.isfinite(by) | (surface.origin == NONE)
+    scale = np.where(np.isfinite(by), by, 0.0).ravel()
+    converted = replace(
+        surface,
+        values=values,
+        standard_error=np.abs(by) * surface.standard_error,
+        covariance=surface.covariance * np.outer(scale, scale),
+        unit=name,
+    )
+    return converted.without(~known, LEFT_OUT)
+
+
 def csv_text(surface: Surface, digits: int) -> str:
     """Return a line per node: axes, value, standard error, origin; units in brackets behind the names, empty where unknown."""
     header = [f"{axis.name} [{axis.unit}]" for axis in (surface.x, surface.y)]
@@ -116,11 +156,25 @@ def csv_text(surface: Surface, digits: int) -> str:
     return "".join(f"{','.join(line)}\n" for line in lines)
 
 
+def cdfx_text(item: DcmMap, digits: int, comments: Sequence[str]) -> str:
+    """Return a map as CDF 2.0: a value group for every Y, with the values along X; both axes are the map's own."""
+    how = {"plain": _plain, "rounded": lambda value: f"{value:.{digits}g}"}
+    return filled("lpvobs.io.calibration", "map.cdfx", how, item=item, comments=comments)
+
+
+def _plain(said: str) -> str:
+    return escape("".join(letter for letter in said if letter.isprintable()))
+
+
+def lab_text(parameters: Sequence[str], channels: Sequence[str]) -> str:
+    """Return a label list of INCA: parameters to calibrate, and channels that a log needs, to measure."""
+    return "\r\n".join(["[SETTINGS]", "Version;V1.1", "", "[RAMCELL]", *channels, "", "[LABEL]", *parameters, ""])
+
+
 def write_netcdf(path: Path, surface: Surface, comments: list[str]) -> None:
     """Write a netCDF-4 file by the CF conventions, every number as it is."""
-    contents: mapping.Contents = {}
-    for axis in (surface.x, surface.y):
-        contents |= mapping.fields(axis_layout(axis.name, Item(axis.unit, axis.long_name)), axis)
+    axes = (surface.x, surface.y)
+    contents: hdf.Contents = {axis.name: hdf.Field(axis.nodes, Item(axis.unit, axis.long_name)) for axis in axes}
     contents |= mapping.fields(surface_layout(surface.x.name, surface.y.name, surface.unit, "origin"), surface)
     with hdf.creating(path) as file:
         file.attrs["Conventions"] = "CF-1.8"
@@ -131,14 +185,8 @@ def write_netcdf(path: Path, surface: Surface, comments: list[str]) -> None:
 
 def changes(surface: Surface, old: OldMap, digits: int) -> list[Change]:
     """Return the nodes whose numbers, both rounded to `digits`, differ from the old ones; first by speed, then by fuel."""
-
-    def rounded(value: float) -> float:
-        return float(f"{value:.{digits}g}")
-
-    found = []
-    for (i, j), origin in np.ndenumerate(surface.origin):
-        before, after = (rounded(float(values[i, j])) for values in (old.ours.values.T, surface.values))
-        if before != after:
-            x, y = float(surface.x.nodes[i]), float(surface.y.nodes[j])
-            found.append(Change(x, y, before, after, ORIGINS[int(origin)]))
-    return found
+    rounded = np.vectorize(lambda value: float(f"{value:.{digits}g}"), otypes=[float])
+    before, after = rounded(old.ours.values.T), rounded(surface.values)
+    speed, fuel = np.meshgrid(surface.x.nodes, surface.y.nodes, indexing="ij")
+    columns = (each[before != after].tolist() for each in (speed, fuel, before, after, surface.origin))
+    return [Change(x, y, was, now, ORIGINS[origin]) for x, y, was, now, origin in zip(*columns, strict=True)]

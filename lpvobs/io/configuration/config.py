@@ -16,7 +16,7 @@ from lpvobs.io.logs.policies import LogPolicies, Reading
 from lpvobs.maps.grid import Grid
 from lpvobs.observer.ekf import KalmanSettings
 from lpvobs.observer.settings import EstimateSettings, PublishedSettings
-from lpvobs.simulation import disturbances, parameters, plants, road
+from lpvobs.simulation import disturbances, parameters, road
 from lpvobs.synthesis.region import GainSettings
 
 SCHEMA = 1
@@ -102,7 +102,7 @@ def record_of(kind: base.EngineKind) -> type[Config]:
     """Return the record of the configuration of a kind of engine: the tables of all, and those of its own."""
     own: dict[str, Any] = dict(kind.tables)
     if kind.plant:
-        own["simulation"] = plants.PLANTS[kind.plant].parameters | None
+        own["simulation"] = parameters.PLANTS[kind.plant] | None
     tables = [(name, record, _default(record)) for name, record in own.items()]
     said = {"__doc__": f"The configuration of a {kind.name} engine."}
     return make_dataclass(f"{kind.name.capitalize()}Config", tables, bases=(Config,), namespace=said, frozen=True)

@@ -16,8 +16,8 @@ from lpvobs.engines.curves import Knowledge, LearnedCurve, LearnedNumber, Nodes
 from lpvobs.engines.healthy import HealthyErrors
 from lpvobs.engines.unknowns import LeftAtNodes, Unknowns
 from lpvobs.errors import DataError
-from lpvobs.io.results.hdf import Field, creating, reading, write_fields, write_group
-from lpvobs.io.results.mapping import Contents, Layout, fields, read, values, write, write_inner
+from lpvobs.io.results.hdf import Contents, Field, creating, reading, write_fields, write_group
+from lpvobs.io.results.mapping import Layout, fields, read, values, write
 from lpvobs.io.results.provenance import Provenance, expect_engine
 from lpvobs.observer.estimate import EngineFound
 from lpvobs.records import Array, Item
@@ -166,25 +166,18 @@ class _UnknownsAsStored:
     at_nodes: Annotated[LeftAtNodes | None, Item(name="left_at_nodes")]
 
 
-@dataclass(frozen=True, eq=False)
-class _Calibrated(_UnknownsAsStored):
-    prior_error: Annotated[Array, Item("1", "standard deviation before the data", ("unknown",))]
+PRIOR = Layout(StoredEngine, {"prior_error": Item("1", "standard deviation before the data", ("unknown",))})
 
 
 def write_engine(path: Path, stored: StoredEngine) -> None:
     """Write an engine; at any instant the target is absent, the old file, or the complete new one."""
-    unknowns = stored.unknowns
+    unknowns = fields(_UnknownsAsStored, stored.unknowns)
+    unknowns["prior_error"] = fields(PRIOR, stored)["prior_error"]
+    components = _corrections(stored.unknowns, stored.unknowns.mean, stored.error)
     with creating(path, KIND) as file:
-        write_fields(file, fields(StoredEngine, stored))
-        write_inner(file, stored, None)
-        write(file, "unknowns", _Calibrated(*_stored(unknowns), stored.prior_error))
-        write_corrections(file.create_group("components"), unknowns, unknowns.mean, stored.error)
+        write_fields(file, fields(StoredEngine, stored) | {"unknowns": unknowns, "components": components})
         if stored.learned is not None:
             write_learned(file, stored.learned)
-
-
-def _stored(unknowns: Unknowns) -> tuple[tuple[str, ...], Array, Array, LeftAtNodes | None]:
-    return unknowns.names, unknowns.mean, unknowns.covariance, unknowns.at_nodes
 
 
 def read_unknowns(group: h5py.Group, air_path: AirPath) -> Unknowns:
@@ -199,19 +192,22 @@ def read_unknowns(group: h5py.Group, air_path: AirPath) -> Unknowns:
     return found
 
 
-def write_corrections(parent: h5py.Group, unknowns: Unknowns, mean: Array, error: Array) -> None:
-    """Write every correction over its own axes, for people."""
+def _corrections(unknowns: Unknowns, mean: Array, error: Array) -> Contents:
+    """Return the groups of all corrections, each over its own axes, for people."""
+    found: Contents = {}
     for component in unknowns.components:
         own = unknowns.places()[component.name]
-        axes = {
+        axes: Contents = {
             name.replace("/", "_over_"): Field(nodes.values, Item(nodes.unit, nodes.meaning))
             for name, nodes in component.axes.items()
         }
         shape = tuple(nodes.values.size for nodes in component.axes.values())
         item = Item(component.unit, component.meaning, tuple(axes))
-        shown: Contents = {**axes, "correction": Field(mean[own].reshape(shape), item), "group": component.group}
-        shown["standard_error"] = Field(error[own].reshape(shape), replace(item, meaning="standard error of it"))
-        write_group(parent, component.name, shown)
+        correction = Field(mean[own].reshape(shape), item)
+        spread = Field(error[own].reshape(shape), replace(item, meaning="standard error of it"))
+        shown: Contents = {"correction": correction, "standard_error": spread, "group": component.group}
+        found[component.name] = axes | shown
+    return found
 
 
 def read_engine(path: Path, air_path: AirPath) -> StoredEngine:
@@ -222,7 +218,7 @@ def read_engine(path: Path, air_path: AirPath) -> StoredEngine:
         return StoredEngine(
             **kept,
             unknowns=read_unknowns(file["unknowns"], air_path),
-            prior_error=read(file["unknowns"], _Calibrated).prior_error,
+            **values(file["unknowns"], PRIOR),
             learned=read_learned(file) if air_path.learns else None,
         )
 
@@ -244,16 +240,15 @@ class EngineOfMap:
 def write_engine_found(file: h5py.File, found: EngineFound) -> None:
     """Write constants, corrections over their own axes, and what a calibration knew, into a result that has none."""
     if found.unknowns.learned:
-        write(file, BEFORE, _UnknownsAsStored(*_stored(found.before())))
+        write_group(file, BEFORE, fields(_UnknownsAsStored, found.before()))
     unknowns, q = found.unknowns, len(found.unknowns.constants)
     seen_from = np.array([1.0 + found.point.get(name, 0.0) for name in unknowns.coordinates])
     deviation = unknowns.reduction.T @ (found.mean - unknowns.mean)
     deviation[:q] = list(found.deviation().values())  # seen from the configured values
     covariance = unknowns.reduced(found.covariance) * np.outer(seen_from, seen_from)
     stored = EngineOfMap(unknowns.coordinates, deviation, covariance, unknowns.groups(), found.amplitudes)
-    group = write(file, ENGINE_FOUND, stored)
     errors = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))  # of what is known exactly, rounding is left
-    write_corrections(group, unknowns, found.mean, errors)
+    write(file, ENGINE_FOUND, stored, beside=_corrections(unknowns, found.mean, errors))
 
 
 def read_corrections(file: h5py.File, air_path: AirPath) -> dict[str, Array]:

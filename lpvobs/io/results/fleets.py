@@ -1,7 +1,7 @@
 """A fleet in one HDF5 file: the sums of all logs, by which it goes on without them, and what was found from them."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -11,7 +11,7 @@ from lpvobs.errors import DataError
 from lpvobs.io.arrow import pa, pq
 from lpvobs.io.logs.finding import PERIODS, date_of
 from lpvobs.io.results import hdf, results, surfaces
-from lpvobs.io.results.mapping import fields, read, read_if_there, write_inner
+from lpvobs.io.results.mapping import fields, layout_of, read, read_if_there
 from lpvobs.io.results.provenance import Provenance, read_refused, write_refused
 from lpvobs.io.safety.atomic import replacing
 from lpvobs.maps.grid import Grid
@@ -61,7 +61,7 @@ def write_fleet(fleet: StoredFleet) -> None:
         file.attrs["air_path"] = fleet.air_path
         layout = fields(surfaces.grid_layout(fleet.axes), fleet.grid)
         hdf.write_group(file, "map", layout).attrs["axes"] = " ".join(fleet.axes)
-        write_inner(file, fleet, LABELS)
+        hdf.write_fields(file, fields(replace(layout_of(StoredFleet), attributes=()), fleet, LABELS))
         write_refused(file, fleet.refused)
 
 

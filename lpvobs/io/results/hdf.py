@@ -1,7 +1,7 @@
 """HDF5 the way xarray, MATLAB and h5py read it unchanged: dimension scales, units, no booleans, no compounds."""
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,13 +28,17 @@ class Field:
     item: Item
 
 
-def write_group(parent: h5py.Group, name: str, contents: Mapping[str, Field | Attribute]) -> h5py.Group:
-    """Write fields and attributes into a new group; a field that others name as an axis becomes their dimension scale."""
+Contents = dict[str, "Field | Attribute | Contents"]
+"""What a group holds by name: fields, attributes, and what groups in it hold."""
+
+
+def write_group(parent: h5py.Group, name: str, contents: Contents) -> h5py.Group:
+    """Write contents into a new group; a field that others name as an axis becomes their dimension scale."""
     return write_fields(parent.create_group(name), contents)
 
 
-def write_fields(group: h5py.Group, contents: Mapping[str, Field | Attribute]) -> h5py.Group:
-    """Write fields and attributes into an empty group or file, as `write_group` does."""
+def write_fields(group: h5py.Group, contents: Contents) -> h5py.Group:
+    """Write contents into an empty group or file, as `write_group` does."""
     fields = {key: field for key, field in contents.items() if isinstance(field, Field)}
     scales = {axis for field in fields.values() for axis in field.item.axes}
     for key, field in fields.items():
@@ -50,8 +54,11 @@ def write_fields(group: h5py.Group, contents: Mapping[str, Field | Attribute]) -
         for dimension, axis in enumerate(field.item.axes):
             group[key].dims[dimension].attach_scale(group[axis])
     for key, value in contents.items():
-        if key not in fields:
+        if not isinstance(value, Field | dict):
             group.attrs[key] = value
+    for key, value in contents.items():
+        if isinstance(value, dict):
+            write_group(group, key, value)
     return group
 
 

@@ -20,13 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lpvobs.io.configuration.strict import is_mapping, record_in
-from lpvobs.io.results.hdf import NO_YES, Attribute, Field, text, write_group
+from lpvobs.io.results.hdf import NO_YES, Attribute, Contents, Field, text, write_group
 from lpvobs.records import Item
 
 Record = TypeVar("Record")
 Values = NDArray[Any]
 Labels = Mapping[str, Sequence[Any] | Values]
-Contents = dict[str, Field | Attribute]
 
 AXES = msgspec.toml.decode(files("lpvobs.io.results").joinpath("axes.toml").read_bytes(), type=dict[str, Item])
 
@@ -78,11 +77,16 @@ def fields(what: type[Record] | Layout[Record], record: object, labels: Labels |
     layout, known = _layout(what), labels or {}
     found: Contents = {}
     for key in layout.inner:
-        value, (axis, name) = getattr(record, key), (layout.items[key].axes, layout.items[key].name)
-        if axis and not name:
-            found |= rows(value, axis[0], known)
+        value, item, name = getattr(record, key), layout.items[key], layout.name(key)
+        if item.axes:
+            inside = rows(value, item.axes[0], known)
+            found |= {name: inside} if item.name else inside
         elif name == ".":
             found |= fields(type(value), value, known)
+        elif isinstance(value, tuple):
+            found |= {f"{name}_{number}": fields(type(each), each, known) for number, each in enumerate(value, 1)}
+        elif value is not None:
+            found[name] = fields(type(value), value, known)
     found |= _fields(layout, {key: getattr(record, key) for key in layout.datasets}, known)
     return found | {key: _as_attribute(getattr(record, key)) for key in layout.attributes}
 
@@ -100,24 +104,7 @@ def write(
     parent: h5py.Group, name: str, record: object, labels: Labels | None = None, beside: Contents | None = None
 ) -> h5py.Group:
     """Write a record, the records in it, and what stands beside them, into a new group."""
-    group = write_group(parent, name, fields(type(record), record, labels) | (beside or {}))
-    write_inner(group, record, labels)
-    return group
-
-
-def write_inner(group: h5py.Group, record: object, labels: Labels | None) -> None:
-    """Write the records in a record that have groups of their own into its group."""
-    layout = layout_of(type(record))  # type: ignore[arg-type]  # a class is hashable
-    for key in layout.inner:
-        value, item = getattr(record, key), layout.items[key]
-        if item.name == ".":
-            write_inner(group, value, labels)
-        elif item.axes and item.name:
-            write_group(group, item.name, rows(value, item.axes[0], labels))
-        elif value is not None and not item.axes:
-            several = isinstance(value, tuple)
-            for number, each in enumerate(value if several else [value], 1):
-                write(group, f"{layout.name(key)}_{number}" if several else layout.name(key), each, labels)
+    return write_group(parent, name, fields(type(record), record, labels) | (beside or {}))
 
 
 def read(group: h5py.Group, what: type[Record] | Layout[Record], **given: Any) -> Record:

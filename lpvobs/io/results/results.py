@@ -15,7 +15,7 @@ from lpvobs.engines.registry import ENGINES
 from lpvobs.errors import DataError
 from lpvobs.io.results import engines, gains, surfaces
 from lpvobs.io.results.hdf import Field, changing, creating, reading, write_group
-from lpvobs.io.results.mapping import Layout, fields, read, read_if_there, read_rows, rows, values, write
+from lpvobs.io.results.mapping import Layout, fields, read, read_if_there, rows, values, write
 from lpvobs.io.results.provenance import Provenance, read_refused
 from lpvobs.io.safety.atomic import state_of
 from lpvobs.maps.grid import Grid
@@ -64,13 +64,11 @@ class StoredResult(NodeMap):
 
     path: Path
     air_path: str
-    parameter_names: tuple[str, ...]
     logs: tuple[LogSummary, ...]
     gain: gains.StoredGain
     extrapolation: Filled | None
     outer_coverage: float  # how often the extrapolation is right at outer nodes; NaN where there is none
     provenance: Provenance
-    agreement: tuple[disagreement.Agreement, ...] = ()
     balance_agreement: float = np.nan  # ratio over all logs, see `BalanceAgreement`
     headline: str = ""  # what the map says, in a sentence
     engine: engines.EngineOfMap | None = None
@@ -151,7 +149,6 @@ def read_result(path: Path) -> StoredResult:
             method=str(file.attrs["method"]),
             grid=read(file["map"], surfaces.grid_layout(axes)),
             **found,
-            **next((values(logs[name], PARAMETERS) for name in logs), {"parameter_names": ()}),
             logs=tuple(
                 read(logs[name], LogSummary, name=name, metrics=read_if_there(file["metrics"].get(name), Metrics))
                 for name in logs
@@ -162,14 +159,10 @@ def read_result(path: Path) -> StoredResult:
             provenance=read(file["provenance"], Provenance),
             headline=str(file.attrs.get("headline", "")),
             balance_agreement=found_agreement.ratio if found_agreement else np.nan,
-            agreement=read_rows(file.get("agreement"), disagreement.Agreement, "log"),
             engine=read_if_there(file.get(engines.ENGINE_FOUND), engines.EngineOfMap),
             state=state,
             refused=read_refused(file),
         )
-
-
-PARAMETERS = Layout(StoredResult, {"parameter_names": Item("1", "scheduling parameter", name="parameter")})
 
 
 GROUPS = {

@@ -126,24 +126,26 @@ class Surface:
                     f"{its.name} [{its.unit}]; compare maps of one kind of engine"
                 )
         laid = onto(other, self.x.nodes, self.y.nodes)
-        known = (self.origin != NONE) & (laid.origin != NONE)
         covariance = self.covariance + laid.covariance
-        error = np.sqrt(np.diag(covariance)).reshape(known.shape)
-        return replace(
+        both = replace(
             self,
-            values=np.where(known, self.values - laid.values, np.nan),
-            standard_error=np.where(known, error, np.nan),
+            values=self.values - laid.values,
+            standard_error=np.sqrt(np.diag(covariance)).reshape(self.values.shape),
             covariance=covariance,
-            origin=np.where(known, np.maximum(self.origin, laid.origin), NONE).astype(np.int8),
+            origin=np.maximum(self.origin, laid.origin),
             source="difference",
         )
+        return both.without((self.origin == NONE) | (laid.origin == NONE), NONE)
+
+    def without(self, nodes: NDArray[np.bool_], why: int) -> "Surface":
+        """Return the map without the values at some nodes, a mask of shape (p2, p1), whose origin is `why` from then on."""
+        values, error = (np.where(nodes, np.nan, each) for each in (self.values, self.standard_error))
+        origin = np.where(nodes, why, self.origin).astype(np.int8)
+        return replace(self, values=values, standard_error=error, origin=origin)
 
     def without_wide(self, most: float) -> "Surface":
         """Return the map without the nodes whose 90 % interval is wider to either side than `most` [unit]."""
-        wide = (self.origin != NONE) & (joint.NORMAL_90 * self.standard_error > most)
-        values, error = (np.where(wide, np.nan, each) for each in (self.values, self.standard_error))
-        origin = np.where(wide, LEFT_OUT, self.origin).astype(np.int8)
-        return replace(self, values=values, standard_error=error, origin=origin)
+        return self.without((self.origin != NONE) & (joint.NORMAL_90 * self.standard_error > most), LEFT_OUT)
 
     def _combined(self, weights: Array) -> joint.Joint:
         return joint.combined(weights, self.values.ravel(), self.covariance)
@@ -161,11 +163,8 @@ def read_surface(path: Path, source: str = "") -> Surface:
             raise DataError(f"{path}: a result has no values named '{source}'; expected map or extrapolation")
         if source not in file:
             raise DataError(f"{path}: the result has no group /{source}; run `lpvobs extrapolate {path}` first")
-        group, (fuel, speed) = file[source], axes_of(file).items()
-        x, y = (
-            read(group, axis_layout(name, item), name=name, unit=item.unit, long_name=item.meaning)
-            for name, item in (speed, fuel)
-        )
+        group, axes = file[source], axes_of(file)
+        x, y = surface_axes(axes, read(group, grid_layout(axes)))
         unit, held = str(group["delta_W_c"].attrs["units"]), group if source == "extrapolation" else file["nodes"]
         covariance, layout = held["covariance"][()].astype(float), surface_layout(x.name, y.name, unit, "support")
         return read(group, layout, x=x, y=y, covariance=covariance, unit=unit, source=source)
@@ -193,9 +192,11 @@ def mean_flow(path: Path) -> float:
     return sum(samples * flow for samples, flow in logs) / sum(samples for samples, _ in logs)
 
 
-def axis_layout(name: str, item: Item) -> Layout[SurfaceAxis]:
-    """Return how an axis stands in a group."""
-    return Layout(SurfaceAxis, {"nodes": replace(item, name=name)})
+def surface_axes(axes: Axes, grid: Grid) -> tuple[SurfaceAxis, SurfaceAxis]:
+    """Return the axes of a surface on the nodes of a grid: speed, then fuel."""
+    nodes = zip(axes.items(), (grid.fuel, grid.speed), strict=True)
+    y, x = (SurfaceAxis(name, item.unit, item.meaning, each) for (name, item), each in nodes)
+    return x, y
 
 
 def surface_layout(x: str, y: str, unit: str, origin: str) -> Layout[Surface]:
@@ -219,24 +220,22 @@ def onto(surface: Surface, x: Array, y: Array) -> Surface:
         """Return which new nodes lean on an old one of the mask."""
         return np.asarray((weight_x > 0).astype(float) @ mask.astype(float) @ (weight_y > 0).T > 0)
 
-    unknown = touched(surface.origin == NONE) | ~inside
     origin = np.full(inside.shape, ESTIMATED)
     for code in (SMOOTHED, EXTRAPOLATED):
         origin[touched(surface.origin == code)] = code
-    origin[unknown] = NONE
     known = surface.origin != NONE
-    values = np.where(unknown, np.nan, weight_x @ np.where(known, surface.values, 0.0) @ weight_y.T)
     weights = np.kron(weight_x, weight_y)
     covariance = weights @ surface.covariance @ weights.T
-    return replace(
+    laid = replace(
         surface,
         x=replace(surface.x, nodes=x),
         y=replace(surface.y, nodes=y),
-        values=values,
-        standard_error=np.where(unknown, np.nan, np.sqrt(np.diag(covariance)).reshape(values.shape)),
+        values=weight_x @ np.where(known, surface.values, 0.0) @ weight_y.T,
+        standard_error=np.sqrt(np.diag(covariance)).reshape(inside.shape),
         covariance=covariance,
-        origin=origin.astype(np.int8),
+        origin=origin,
     )
+    return laid.without(touched(~known) | ~inside, NONE)
 
 
 def keep_old(surface: Surface, old: Array | None, only_estimated: bool) -> Surface:
