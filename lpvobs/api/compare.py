@@ -174,12 +174,13 @@ def _between(path: Path, vehicle: str, pair: tuple[str, str]) -> tuple[Surface, 
 
 def _draw(figure: File, maps: Sequence[File], change: Surface, found: CompareOutput) -> None:
     from lpvobs.report.content import view_of
-    from lpvobs.report.figures import change_map
+    from lpvobs.report.figures import error_limit, error_map
 
     nodes = {(node.speed, node.fuel) for node in found.significant}
     changed = np.array([[(n, u) in nodes for u in change.y.nodes] for n in change.x.nodes])
     view = view_of(change, np.zeros(changed.shape, dtype=bool))
-    drawn = change_map("change", f"{found.second} minus {found.first}", view, changed)
+    alt, label = f"{found.second} minus {found.first}", "change of the sensor error [g/s]"
+    drawn = error_map("change", alt, view, error_limit([view]), label, changed)
     write_text(figure, drawn.replace("<svg", '<svg xmlns="http://www.w3.org/2000/svg"', 1), maps)
 
 
