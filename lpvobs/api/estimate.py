@@ -172,7 +172,7 @@ def _write(
     results.write_result(out, before.air_path, found, done.summaries, stored, provenance, further)
     PartsFolder(out, "", StoredPart).remove()
     if found.method == "observer":
-        from lpvobs.api.healthy import learn_healthy  # loads the search for effects
+        from lpvobs.api.search_start import learn_healthy  # loads the search for effects
 
         learn_healthy(out, names, [item.name for item in done.agreement if item.disagrees])
     return says

@@ -11,9 +11,8 @@ import numpy as np
 from msgspec import UNSET
 
 from lpvobs.api.files import File, Files, Progress, refuse_copies, shown, some_logs, updating, usable
-from lpvobs.api.healthy import GROUP
 from lpvobs.api.known_engine import KnownEngine, known_engine
-from lpvobs.api.search_start import Start, known_from, nothing_known, search_start
+from lpvobs.api.search_start import HEALTHY, Start, known_from, nothing_known, search_start
 from lpvobs.discovery.forms import PREFIX
 from lpvobs.discovery.healthy_drive import HealthyDrive
 from lpvobs.discovery.known_effects import KnownEffect, Span
@@ -207,7 +206,7 @@ def close(
         before = nothing_known(model, grid, prior_map, engine.calibrated)
     start = search_start(model, before, refined, logs)
     known = () if refined is None else refined.effects
-    healthy = read_beside(path, GROUP, HealthyDrive) if frozen else None
+    healthy = read_beside(path, HEALTHY, HealthyDrive) if frozen else None
     found = refine(start.model, grid, start.prior, logs, progress, known, hold_out, healthy)
     if found.trace.verdict == "unexplained" or any(effect.id.startswith(PREFIX) for effect in found.trace.findings):
         _refuse_slow(logs)

@@ -24,12 +24,11 @@ from lpvobs.io.results.provenance import Provenance
 from lpvobs.io.results.refinements import StoredRefinement
 from lpvobs.io.results.results import StoredResult, read_beside
 from lpvobs.io.results.surfaces import read_surface
-from lpvobs.report.content import Report, load
+from lpvobs.report.content import Report, load, report_output
 from lpvobs.report.engines import CalibrateOutput, told
 from lpvobs.report.fit import ResidualFit, fit_along
 from lpvobs.report.gates import Verdict, enforce, judge, junit_xml, parse_gate
 from lpvobs.report.outputs import RegionMean, ReportOutput
-from lpvobs.report.reported import report_output
 
 
 def write_report(
