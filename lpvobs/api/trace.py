@@ -5,6 +5,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -16,7 +17,7 @@ from lpvobs.api.search_start import HEALTHY, Start, known_from, nothing_known, s
 from lpvobs.discovery.forms import PREFIX
 from lpvobs.discovery.healthy_drive import HealthyDrive
 from lpvobs.discovery.known_effects import KnownEffect, Span
-from lpvobs.discovery.outcome import Outcome, StoredOutcome, Trace, plain
+from lpvobs.discovery.outcome import Outcome, Trace
 from lpvobs.discovery.portrait import portrait
 from lpvobs.discovery.refine import Refinement, refine
 from lpvobs.discovery.thresholds import SLOWEST
@@ -47,9 +48,9 @@ class Traced:
     map_frozen: bool  # whether the map stood; otherwise it was estimated together with the effects
     refused: tuple[str, ...]  # why logs were left out, one line each
 
-    def output(self, refined: bool) -> TraceOutput:
-        """Return what is printed; what follows from the error after only where refined."""
-        return TraceOutput(**vars(self.found.output(refined)), map_frozen=self.map_frozen, refused=self.refused)
+    def as_json(self, refined: bool) -> dict[str, Any]:
+        """Return the fields of `TraceOutput` as plain data; what follows from the error after only where refined."""
+        return self.found.as_json(refined) | {"map_frozen": self.map_frozen, "refused": self.refused}
 
 
 def trace(
@@ -113,9 +114,9 @@ class Closed:
         return self.start.total(self.refinement.beta)
 
     def content(self, refined: bool) -> str:
-        """Return the contract's object as JSON text."""
-        found, logs = vars(self.refinement.trace.output(refined)), tuple(log.name for log in self.used.values())
-        return json.dumps(plain(StoredOutcome(**found, logs_used=logs, map_frozen=self.frozen)))
+        """Return the fields of `StoredOutcome` as JSON text."""
+        further = {"logs_used": [log.name for log in self.used.values()], "map_frozen": self.frozen}
+        return json.dumps(self.refinement.trace.as_json(refined) | further)
 
     def write_trace(self, file: h5py.File) -> None:
         """Write `/trace` in place of the one that is there."""

@@ -36,7 +36,7 @@ def trace(
     with progress("tracing") as report:
         traced = lpvobs.trace(result, logs, freeze_map=freeze_map, engine=engine, progress=report)
     if as_json:
-        print_json("trace", traced.output(refined=False))
+        print_json("trace", traced.as_json(refined=False))
     else:
         show(traced.found, traced.map_frozen, refined=False)
         say(
@@ -120,7 +120,7 @@ def refine(
         held = hold_out or ()
         traced = lpvobs.refine(result, logs, out, hold_out=held, freeze_map=freeze_map, engine=engine, progress=report)
     if as_json:
-        print_json("refine", traced.output(refined=True))
+        print_json("refine", traced.as_json(refined=True))
     else:
         show(traced.found, traced.map_frozen, refined=True)
         error = traced.found.error.comparison

@@ -1,7 +1,7 @@
 """The outcome of `trace` and `refine`, as plain records and as the contract's JSON."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from typing import Annotated, Any
 
 from msgspec import UNSET, Meta, UnsetType, to_builtins
@@ -187,10 +187,6 @@ class ErrorOutput:
         """Its numbers, where it has all of them."""
         return Comparison(**{field.name: getattr(self, field.name) for field in fields(Comparison)})
 
-    def before_alone(self) -> "ErrorOutput":
-        """Return the same without what follows from the error after."""
-        return replace(self, after=UNSET, ratio=UNSET, ratio_ci90=UNSET)
-
 
 def error_output(comparison: Comparison, how: str) -> ErrorOutput:
     """Return the contract's `error`."""
@@ -281,24 +277,13 @@ class Trace(Outcome):
         """The effects that are named."""
         return self.effects
 
-    def output(self, refined: bool) -> Outcome:
-        """Return what is printed; `after` and what follows from it only where refined."""
-        whole = Outcome(**{field.name: getattr(self, field.name) for field in fields(Outcome)})
-        if refined:
-            return whole
-        unseen = self.error_on_held_out_logs
-        return replace(
-            whole,
-            error=self.error.before_alone(),
-            error_on_held_out_logs=unseen.before_alone() if unseen else UNSET,
-            logs=tuple(replace(part, error=part.error.before_alone()) for part in self.logs),
-        )
-
     def as_json(self, refined: bool) -> dict[str, Any]:
-        """Return the object of the contract as plain data, without its schema."""
-        return plain(self.output(refined))
-
-
-def plain(record: object) -> dict[str, Any]:
-    """Return a record as plain data, without what is not set."""
-    return to_builtins(record, enc_hook=lambda number: number.item())  # type: ignore[no-any-return]
+        """Return the object of the contract as plain data, without its schema; the error after and its ratio only where refined."""
+        whole = Outcome(**{field.name: getattr(self, field.name) for field in fields(Outcome)})
+        content: dict[str, Any] = to_builtins(whole, enc_hook=lambda number: number.item())
+        errors = [content["error"], *(part["error"] for part in content["logs"])]
+        errors += [content["error_on_held_out_logs"]] if self.error_on_held_out_logs else []
+        for error in () if refined else errors:
+            for name in ("after", "ratio", "ratio_ci90"):
+                del error[name]
+        return content

@@ -7,7 +7,6 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta
 
-from lpvobs.engines.unknowns import Component
 from lpvobs.io.results.engines import StoredEngine
 from lpvobs.kinds import Count, Finite
 from lpvobs.records import Array
@@ -81,7 +80,7 @@ class CalibrateOutput:
 
 def told(stored: StoredEngine, out: str, plan: Sequence[PlannedPoint] = ()) -> CalibrateOutput:
     """Return what is said of a calibrated engine."""
-    mean, error, determined = stored.unknowns.mean, stored.error, stored.determined()
+    mean, error, determined = stored.unknowns.mean, stored.error, stored.determined.tolist()
     curves = {} if stored.learned is None else stored.learned.known.curves
     corrections: list[tuple[str, str, Array, Array, float | None]] = [
         (component.name, component.unit, mean[own], error[own], float(np.median(stored.prior_error[own])))
@@ -105,7 +104,7 @@ def told(stored: StoredEngine, out: str, plan: Sequence[PlannedPoint] = ()) -> C
         ),
         amplitudes=stored.amplitudes,
         constants={
-            name: ConstantOutput(deviation=value, standard_error=float(error[i]), determined=determined[name])
+            name: ConstantOutput(deviation=value, standard_error=float(error[i]), determined=determined[i])
             for i, (name, value) in enumerate(stored.deviation.items())
         },
         plan=plan,
@@ -136,9 +135,3 @@ def calibration_tables(found: CalibrateOutput) -> list[Table]:
         rows = [[*(f"{x:.5g}" for x in item.point.values()), f"{100 * item.after:.3g} %"] for item in found.plan]
         tables.append(([*header, "then unknown"], rows))
     return [(["flow", "rows", "as configured", "held out", "left over"], fit), *tables] if fit else tables
-
-
-def determined(stored: StoredEngine, component: Component) -> float:
-    """Return the share of a correction's nodes that the data determined: at most half of the prior's error is left."""
-    own = stored.unknowns.places()[component.name]
-    return float(np.mean(stored.error[own] < 0.5 * stored.prior_error[own]))

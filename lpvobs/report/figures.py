@@ -185,7 +185,7 @@ def error_map(
                 float(grid.fuel[i]),
                 float(grid.speed[j]),
                 _value(value, digits),
-                gid=f"{TIP}{_where(surface, i, j)}: {_value(value, digits + 2)}{_mark(surface, j, i)}",
+                gid=TIP + _told(surface, j, i, _value(value, digits + 2)),
                 ha="center",
                 va="center_baseline",
                 fontsize=6.5,
@@ -238,16 +238,14 @@ def _log_scale(values: Array) -> LogNorm:
     return LogNorm(max(min(low, 0.1 * top), 1e-4 * top), top)
 
 
-def _mark(surface: SurfaceView, j: int, i: int) -> str:
-    if surface.filled[j, i]:
-        return ", extrapolated"
-    doubtful = surface.doubtful is not None and surface.doubtful[j, i]
-    return ", doubtful: few estimated neighbours and a large standard error" if doubtful else ""
-
-
-def _where(surface: SurfaceView, i: int, j: int) -> str:
+def _told(surface: SurfaceView, j: int, i: int, value: str) -> str:
+    """Return what is said of a node when the pointer rests on it."""
     fuel, speed = surface.axes
-    return f"{surface.grid.fuel[i]:g} {fuel.unit}, {surface.grid.speed[j]:g} {speed.unit}"
+    said = f"{surface.grid.fuel[i]:g} {fuel.unit}, {surface.grid.speed[j]:g} {speed.unit}: {value}"
+    if surface.filled[j, i]:
+        return f"{said}, extrapolated"
+    doubtful = surface.doubtful is not None and surface.doubtful[j, i]
+    return f"{said}, doubtful: few estimated neighbours and a large standard error" if doubtful else said
 
 
 def _value(value: float, digits: int) -> str:
