@@ -164,10 +164,10 @@ def track(
         PartsFolder(target, "", KeptLog).remove()
         if table is not None:
             write_table(as_path(table), fleet)
-    return fleet, output_of(fleet, len(sums.logs) - len(known), reused, refused)
+    return fleet, output_of(fleet, len(sums.logs) - len(known), reused)
 
 
-def output_of(fleet: StoredFleet, new: int, reused: int, refused: Sequence[str]) -> TrackOutput:
+def output_of(fleet: StoredFleet, new: int, reused: int) -> TrackOutput:
     """Return what is printed of a fleet."""
     found = fleet.found
     return TrackOutput(
@@ -175,7 +175,7 @@ def output_of(fleet: StoredFleet, new: int, reused: int, refused: Sequence[str])
         logs=len(fleet.kept.logs),
         new=new,
         reused=reused,
-        refused=tuple(refused),
+        refused=fleet.refused,
         periods=sorted({each.period for each in found.maps}),
         vehicles=found.worst_first(),
         changes=found.changes,

@@ -233,7 +233,7 @@ def _other(kind: str, path: Path, html: Path | None, as_json: bool) -> None:
     if html is not None:
         say(f"{html}: written")
     if fleet:
-        print_json("track", output_of(fleet, 0, 0, fleet.refused)) if as_json else show_fleet(fleet)
+        print_json("track", output_of(fleet, 0, 0)) if as_json else show_fleet(fleet)
         leave(fleet.refused)
     elif engine and as_json:
         print_json("calibrate", engine)

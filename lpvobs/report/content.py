@@ -27,7 +27,7 @@ from lpvobs.records import Array, Log
 from lpvobs.report import outputs
 from lpvobs.report.discovered import GROUPS, Discovered, read_discovered, sentence
 from lpvobs.report.fit import ResidualFit
-from lpvobs.report.names import cycle_title, distinct, paper_error
+from lpvobs.report.spoken import cycle_title, distinct, paper_error
 
 SEEN = 0.1
 """[s], how long a drive must inform a node for the fit to the references to show a value there."""
@@ -170,8 +170,6 @@ def load(paths: Sequence[Path]) -> Report:
             raise DataError(f"{path}: no such file; name result files, or logs from which these results were made")
     inner = [path for path in further if is_hdf5(path)]
     results = [read_result(path) for path in (first, *inner)]
-    for result in results:
-        air_path_of(result)
     logs = {digest: path for path in further if path not in inner for digest in [log_digest(path)]}
     discovered = [read_discovered(result.path) for result in results]
     names = distinct([result.path for result in results])
