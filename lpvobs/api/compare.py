@@ -1,7 +1,6 @@
 """`compare`: what differs between two maps, and where that is more than their errors."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -17,7 +16,7 @@ from lpvobs.io.configuration.config import config_of
 from lpvobs.io.logs.units import convert
 from lpvobs.io.results.fleets import read_fleet
 from lpvobs.io.results.surfaces import NONE, Surface, SurfaceAxis, read_surface
-from lpvobs.kinds import Count, KgPerS
+from lpvobs.kinds import Count, KgPerS, Output
 from lpvobs.maps.joint import Joint
 from lpvobs.maps.quadratic import ESTIMATED
 from lpvobs.records import Array
@@ -30,16 +29,14 @@ FAMILY = 0.05
 METRICS = ("largest_change", "mean_change", "p_value")
 
 
-@dataclass(frozen=True, kw_only=True)
-class MeanChange:
+class MeanChange(Output):
     """A mean over a region, or over all nodes compared."""
 
     value: KgPerS
     ci90: tuple[KgPerS, KgPerS]
 
 
-@dataclass(frozen=True, kw_only=True)
-class NodeChange:
+class NodeChange(Output):
     """The change at one node."""
 
     speed: float
@@ -50,8 +47,7 @@ class NodeChange:
     ci90: tuple[KgPerS, KgPerS]
 
 
-@dataclass(frozen=True, kw_only=True)
-class CompareOutput:
+class CompareOutput(Output):
     """The second map less the first."""
 
     first: str

@@ -1,7 +1,7 @@
 """`refine`: the model of a result with the effects that the logs prove."""
 
 import shutil
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -25,7 +25,6 @@ from lpvobs.observer.parts import inform_observed
 from lpvobs.synthesis.sensor_state import SensorState, with_sensor_state
 
 
-@dataclass(frozen=True, kw_only=True)
 class RefineOutput(TraceOutput):
     """What was added to the model, error before and after."""
 

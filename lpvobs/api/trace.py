@@ -32,7 +32,6 @@ from lpvobs.kinds import Refused
 from lpvobs.records import Log
 
 
-@dataclass(frozen=True, kw_only=True)
 class TraceOutput(Outcome):
     """What the model lacks."""
 

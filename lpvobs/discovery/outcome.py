@@ -8,7 +8,7 @@ from msgspec import UNSET, Meta, UnsetType, to_builtins
 
 from lpvobs.discovery.held_out import MEASURE, Comparison
 from lpvobs.discovery.whiteness import Frequency, Leftover, When, Where
-from lpvobs.kinds import Finite, Fraction
+from lpvobs.kinds import Finite, Fraction, Output
 from lpvobs.records import Item
 
 Verdict = Annotated[str, Meta(extra_json_schema={"enum": ["effect", "none", "unexplained"]})]
@@ -88,8 +88,7 @@ class Finding:
     formula: str | UnsetType = UNSET  # in words, for a form
 
 
-@dataclass(frozen=True, kw_only=True)
-class Leading:
+class Leading(Output):
     """A candidate for a residual that stays unexplained: fitted alone, with the share of the residual that it would explain."""
 
     id: str
@@ -170,8 +169,7 @@ class Ranked:
     unevenness: Annotated[float, Item("1", "variance of the effect's score over blocks, over that of noise", gaps=True)]
 
 
-@dataclass(frozen=True, kw_only=True)
-class ErrorOutput:
+class ErrorOutput(Output):
     """The error on held-out data: before, and after if the model was refined."""
 
     measure: Annotated[str, Meta(extra_json_schema={"const": MEASURE})]
@@ -205,8 +203,7 @@ class ResidualOutput:
     balance: str | UnsetType = UNSET
 
 
-@dataclass(frozen=True, kw_only=True)
-class OutcomeOnLog:
+class OutcomeOnLog(Output):
     """What was found on one log; a log that was held out has no `residual`."""
 
     log: str
@@ -236,8 +233,7 @@ class OutcomeOnLog:
         return said + ([] if self.missing is UNSET else self.missing.notes())
 
 
-@dataclass(frozen=True, kw_only=True)
-class Outcome:
+class Outcome(Output):
     """What was found on all logs; `known_effects` are the effects that the model already had."""
 
     verdict: Verdict
@@ -257,7 +253,6 @@ class Outcome:
     logs: tuple[OutcomeOnLog, ...]
 
 
-@dataclass(frozen=True, kw_only=True)
 class StoredOutcome(Outcome):
     """What was found on all logs, as a result stores it."""
 
@@ -265,7 +260,6 @@ class StoredOutcome(Outcome):
     map_frozen: bool
 
 
-@dataclass(frozen=True, kw_only=True)
 class Trace(Outcome):
     """What was found, with the error before and after, and what a result keeps for figures beside it."""
 

@@ -1,20 +1,18 @@
 """What is said of a calibrated engine: records for `--json`, rows of text."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
 from msgspec import Meta
 
 from lpvobs.io.results.engines import StoredEngine
-from lpvobs.kinds import Count, Finite
+from lpvobs.kinds import Count, Finite, Output
 from lpvobs.records import Array
 from lpvobs.report.tables import Table, percent
 
 
-@dataclass(frozen=True, kw_only=True)
-class RowsOutput:
+class RowsOutput(Output):
     """How well bench rows of one kind fit."""
 
     kind: str
@@ -24,8 +22,7 @@ class RowsOutput:
     left: Annotated[Finite, Meta(description="Error that no smooth correction removes, as a share of the flow.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class ComponentOutput:
+class ComponentOutput(Output):
     """The correction of a component; in the unit of the correction."""
 
     component: str
@@ -37,8 +34,7 @@ class ComponentOutput:
     ]
 
 
-@dataclass(frozen=True, kw_only=True)
-class ConstantOutput:
+class ConstantOutput(Output):
     """A constant, as its relative deviation from the configured one."""
 
     deviation: Finite
@@ -49,8 +45,7 @@ class ConstantOutput:
     ]
 
 
-@dataclass(frozen=True, kw_only=True)
-class PlannedPoint:
+class PlannedPoint(Output):
     """A bench point that is worth recording."""
 
     point: Annotated[Mapping[str, Finite], Meta(description="Values that the bench has to set, by channel.")]
@@ -61,8 +56,7 @@ class PlannedPoint:
     ]
 
 
-@dataclass(frozen=True, kw_only=True)
-class CalibrateOutput:
+class CalibrateOutput(Output):
     """What is known of an engine."""
 
     engine: str
