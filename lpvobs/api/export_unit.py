@@ -109,9 +109,7 @@ def export_unit(
     pivots = {}
     for name, number in (("double", np.float64), ("float", np.float32)):
         rounded = replace(stored, gain=replace(stored.gain, L=stored.gain.L.astype(number).astype(float), bound=None))
-        certificate = check_again(rounded)
-        expect_proven(f"{gain} rounded to {name}", certificate)
-        pivots[name] = certificate.smallest_pivot
+        pivots[name] = expect_proven(f"{gain} rounded to {name}", check_again(rounded)).smallest_pivot
     start, calibrated = (None if path is None else as_path(path) for path in (result, engine))
     unit = unit_of(as_path(gain), stored, start, falling, rate, calibrated)
     made = sources(unit)

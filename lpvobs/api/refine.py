@@ -63,11 +63,11 @@ def refine(
         told = shown(progress)
         searched = within(told, 0.0, 0.95)
         closed = close(as_path(result), paths, unseen, freeze_map, searched, anew=True, calibrated=engine)
-        if not closed.refinement.trace.findings:
+        if not closed.traced.found.findings:
             with replacing(target) as temporary:
                 shutil.copyfile(closed.stored.path, temporary)
                 refuse_replaced(closed.stored)
-        elif closed.frozen:
+        elif closed.traced.map_frozen:
             _write_beside(target, closed)
         else:
             _write_anew(target, closed)

@@ -92,20 +92,14 @@ POOLED, POOLED_UNSEEN = "(all logs)", "(all logs held out)"
 
 @dataclass(frozen=True)
 class Closed:
-    """The closed loop on logs: the stored model, what came of it, and whether the map stood."""
+    """The closed loop on logs: the stored model, what came of it, and what the verb tells."""
 
     stored: StoredResult
     engine: KnownEngine
     start: Start
     used: Mapping[Path, Log]  # what was learned from
-    refused: tuple[str, ...]
     refinement: Refinement
-    frozen: bool
-
-    @property
-    def traced(self) -> Traced:
-        """What the verb tells."""
-        return Traced(self.refinement.trace, self.frozen, self.refused)
+    traced: Traced
 
     @property
     def constants(self) -> dict[str, float]:
@@ -114,8 +108,8 @@ class Closed:
 
     def content(self, refined: bool) -> str:
         """Return the fields of `StoredOutcome` as JSON text."""
-        further = {"logs_used": [log.name for log in self.used.values()], "map_frozen": self.frozen}
-        return json.dumps(self.refinement.trace.as_json(refined) | further)
+        further = {"logs_used": [log.name for log in self.used.values()], "map_frozen": self.traced.map_frozen}
+        return json.dumps(self.traced.found.as_json(refined) | further)
 
     def write_trace(self, file: h5py.File) -> None:
         """Write `/trace` in place of the one that is there."""
@@ -131,14 +125,14 @@ class Closed:
             effects=tuple(self._with_earlier(effect) for effect in effects),
             constants=self.constants,
             deviations=self.refinement.beta_deviation,
-            map_stood=self.frozen,
+            map_stood=self.traced.map_frozen,
             json=self.content(refined=True),
         )
         self._write_evidence(refinements.write_refinement(file, stored))
 
     def _write_evidence(self, group: h5py.Group) -> None:
         """Write the error before and after by log and pooled, the structure of the residual, and the data of pictures."""
-        found, trace = self.refinement, self.refinement.trace
+        found, trace = self.refinement, self.traced.found
         errors = {POOLED: (trace.error.comparison, False)}
         if trace.error_on_held_out_logs:
             errors[POOLED_UNSEEN] = (trace.error_on_held_out_logs.comparison, True)
@@ -154,7 +148,7 @@ class Closed:
 
     def _with_earlier(self, effect: KnownEffect) -> KnownEffect:
         """Return an effect that says it is absent from earlier logs: those of a map that stood, and of earlier refinements."""
-        earlier = {log.sha256: log.name for log in self.stored.logs} if self.frozen else {}
+        earlier = {log.sha256: log.name for log in self.stored.logs} if self.traced.map_frozen else {}
         earlier |= {span.sha256: span.log for other in self.refinement.known_effects for span in other.spans}
         told = {span.sha256 for span in effect.spans}
         without = [Span(name, digest, np.inf, np.inf) for digest, name in earlier.items() if digest not in told]
@@ -210,7 +204,7 @@ def close(
     found = refine(start.model, grid, start.prior, logs, progress, known, hold_out, healthy)
     if found.trace.verdict == "unexplained" or any(effect.id.startswith(PREFIX) for effect in found.trace.findings):
         _refuse_slow(logs)
-    return Closed(stored, engine, start, used, refused + refused_unseen, found, frozen)
+    return Closed(stored, engine, start, used, found, Traced(found.trace, frozen, refused + refused_unseen))
 
 
 def expect_cascade(path: Path, gain: StoredGain) -> None:
