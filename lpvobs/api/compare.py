@@ -1,7 +1,6 @@
 """`compare`: what differs between two maps, and where that is more than their errors."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -17,7 +16,7 @@ from lpvobs.io.configuration.config import config_of
 from lpvobs.io.logs.units import convert
 from lpvobs.io.results.fleets import read_fleet
 from lpvobs.io.results.surfaces import NONE, Surface, read_surface, surface_axes
-from lpvobs.kinds import Count, KgPerS
+from lpvobs.kinds import Count, KgPerS, Output
 from lpvobs.maps.joint import Joint
 from lpvobs.maps.quadratic import ESTIMATED
 from lpvobs.records import Array
@@ -30,16 +29,14 @@ FAMILY = 0.05
 METRICS = ("largest_change", "mean_change", "p_value")
 
 
-@dataclass(frozen=True, kw_only=True)
-class MeanChange:
+class MeanChange(Output):
     """A mean over a region, or over all nodes compared."""
 
     value: KgPerS
     ci90: tuple[KgPerS, KgPerS]
 
 
-@dataclass(frozen=True, kw_only=True)
-class NodeChange:
+class NodeChange(Output):
     """The change at one node."""
 
     speed: float
@@ -50,8 +47,7 @@ class NodeChange:
     ci90: tuple[KgPerS, KgPerS]
 
 
-@dataclass(frozen=True, kw_only=True)
-class CompareOutput:
+class CompareOutput(Output):
     """The second map less the first."""
 
     first: str
@@ -171,12 +167,13 @@ def _between(path: Path, vehicle: str, pair: tuple[str, str]) -> tuple[Surface, 
 
 def _draw(figure: File, maps: Sequence[File], change: Surface, found: CompareOutput) -> None:
     from lpvobs.report.content import view_of
-    from lpvobs.report.figures import change_map
+    from lpvobs.report.figures import error_limit, error_map
 
     nodes = {(node.speed, node.fuel) for node in found.significant}
     changed = np.array([[(n, u) in nodes for u in change.y.nodes] for n in change.x.nodes])
     view = view_of(change, np.zeros(changed.shape, dtype=bool))
-    drawn = change_map("change", f"{found.second} minus {found.first}", view, changed)
+    alt, label = f"{found.second} minus {found.first}", "change of the sensor error [g/s]"
+    drawn = error_map("change", alt, view, error_limit([view]), label, changed)
     write_text(figure, drawn.replace("<svg", '<svg xmlns="http://www.w3.org/2000/svg"', 1), maps)
 
 

@@ -2,7 +2,7 @@
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -22,7 +22,7 @@ from lpvobs.io.logs import finding, reading
 from lpvobs.io.results import gains, results
 from lpvobs.io.results.parts import PartsFolder, StoredPart
 from lpvobs.io.results.provenance import Provenance, write_refused
-from lpvobs.kinds import Count, Refused
+from lpvobs.kinds import Count, Output, Refused
 from lpvobs.maps.metrics import Metrics, compare
 from lpvobs.observer import disagreement, rivals
 from lpvobs.observer.balance_agreement import BalanceAgreement, Watched, judged
@@ -37,24 +37,21 @@ MANY = 8  # number of logs from which on other processes are started, each of wh
 METHODS = ("observer", "published", "ekf", "batch")
 
 
-@dataclass(frozen=True, kw_only=True)
-class NodeCounts:
+class NodeCounts(Output):
     """Nodes of a map, and those of them that the logs inform."""
 
     nodes: Count
     estimated: Count
 
 
-@dataclass(frozen=True, kw_only=True)
-class EngineUsed:
+class EngineUsed(Output):
     """Where the engine comes from."""
 
     source: Annotated[str, Meta(description="File of the engine, or `configuration`.")]
     calibrated: bool
 
 
-@dataclass(frozen=True, kw_only=True)
-class EstimateOutput:
+class EstimateOutput(Output):
     """A map, and its metrics by log."""
 
     result: str
@@ -172,7 +169,7 @@ def _write(
     results.write_result(out, before.air_path, found, done.summaries, stored, provenance, further)
     PartsFolder(out, "", StoredPart).remove()
     if found.method == "observer":
-        from lpvobs.api.healthy import learn_healthy  # loads the search for effects
+        from lpvobs.api.search_start import learn_healthy  # loads the search for effects
 
         learn_healthy(out, names, [item.name for item in done.agreement if item.disagrees])
     return says

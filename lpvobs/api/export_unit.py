@@ -1,7 +1,7 @@
 """`export --format c99` and `fmu`: the observer for a control unit, its gain proven again in the numbers of the target."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -27,7 +27,7 @@ from lpvobs.io.results.provenance import Provenance
 from lpvobs.io.results.results import KIND, REMEDY, read_result
 from lpvobs.io.results.surfaces import read_surface
 from lpvobs.io.safety.atomic import file_digest, replacing
-from lpvobs.kinds import Count
+from lpvobs.kinds import Count, Output
 from lpvobs.maps.quadratic import ESTIMATED
 from lpvobs.records import Array
 
@@ -36,8 +36,7 @@ MAP_GAINS = ("falling", "constant")
 STARTS = ("zero", *SOURCES)
 
 
-@dataclass(frozen=True, kw_only=True)
-class ExportedUnit:
+class ExportedUnit(Output):
     """An observer for a control unit."""
 
     map_gain: Annotated[str, Meta(extra_json_schema={"enum": MAP_GAINS})]
@@ -49,8 +48,7 @@ class ExportedUnit:
     smallest_pivot: Mapping[str, float]  # of the certificate, proven again for the gain rounded to each number format
 
 
-@dataclass(frozen=True, kw_only=True)
-class ExportOutput:
+class ExportOutput(Output):
     """A map for calibration tools and what it changes, or an observer for a control unit."""
 
     out: str
@@ -111,9 +109,7 @@ def export_unit(
     pivots = {}
     for name, number in (("double", np.float64), ("float", np.float32)):
         rounded = replace(stored, gain=replace(stored.gain, L=stored.gain.L.astype(number).astype(float), bound=None))
-        certificate = check_again(rounded)
-        expect_proven(f"{gain} rounded to {name}", certificate)
-        pivots[name] = certificate.smallest_pivot
+        pivots[name] = expect_proven(f"{gain} rounded to {name}", check_again(rounded)).smallest_pivot
     start, calibrated = (None if path is None else as_path(path) for path in (result, engine))
     unit = unit_of(as_path(gain), stored, start, falling, rate, calibrated)
     made = sources(unit)

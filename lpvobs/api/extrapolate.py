@@ -1,6 +1,6 @@
 """`extrapolate`: every node of a map, by kriging or by the quadratic of Eq. (37), into a result."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Annotated
 
@@ -21,7 +21,6 @@ from lpvobs.report.outputs import QuadraticOutput
 METHODS = ("kriging", "quadratic")
 
 
-@dataclass(frozen=True, kw_only=True)
 class ExtrapolateOutput(QuadraticOutput):
     """How the map was filled, and how often the outer nodes are predicted by the others."""
 

@@ -1,7 +1,6 @@
 """`ingest`: foreign recordings of one drive to a log that says what was done to it; `profile`: what one seems to be."""
 
 import json
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,6 +10,7 @@ from lpvobs.ingest import foreign, profiles
 from lpvobs.ingest.drafting import draft_profile as draft
 from lpvobs.ingest.record import KEY
 from lpvobs.io.logs import finding, parquet
+from lpvobs.kinds import Output
 
 
 def ingest_log(
@@ -38,8 +38,7 @@ def ingest_log(
     return dict(made.record)
 
 
-@dataclass(frozen=True, kw_only=True)
-class ProfileOutput:
+class ProfileOutput(Output):
     """A drafted profile."""
 
     source: str

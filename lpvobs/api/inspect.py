@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -17,14 +17,13 @@ from lpvobs.ingest.record import stored_record
 from lpvobs.io.configuration.config import Config, load_config
 from lpvobs.io.logs import finding, parquet, reading
 from lpvobs.io.logs.policies import LogPolicies
-from lpvobs.kinds import Count, Refused, Seconds, Sha
+from lpvobs.kinds import Count, Output, Refused, Seconds, Sha
 from lpvobs.records import Array, Defects, Log
 
 Units = Mapping[str, str]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Defect:
+class Defect(Output):
     """What is wrong with some samples, and what was done about it."""
 
     defect: str
@@ -34,8 +33,7 @@ class Defect:
     first: Annotated[float, Meta(description="s")] | UnsetType = UNSET
 
 
-@dataclass(frozen=True, kw_only=True)
-class ChannelOutput:
+class ChannelOutput(Output):
     """A channel of a log: its range in the log's unit."""
 
     unit: str
@@ -48,8 +46,7 @@ class ChannelOutput:
     refresh: Annotated[float, Meta(description="Hz, how often the channel changes; null for a constant channel")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Informed:
+class Informed(Output):
     """Nodes of the map that get a value from a log, as it is or with one channel more."""
 
     channel: Annotated[str | None, Meta(description="The further channel; null for the log as it is.")]
@@ -61,8 +58,7 @@ class Informed:
     ]
 
 
-@dataclass(frozen=True, kw_only=True)
-class InspectedLog:
+class InspectedLog(Output):
     """What is in a log, and what the policies did."""
 
     log: str
@@ -93,8 +89,7 @@ class InspectedLog:
     ]
 
 
-@dataclass(frozen=True, kw_only=True)
-class InspectOutput:
+class InspectOutput(Output):
     """What is in logs, and what the policies did."""
 
     logs: Sequence[InspectedLog]

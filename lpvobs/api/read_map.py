@@ -9,6 +9,7 @@ from lpvobs.api.files import File, as_path
 from lpvobs.errors import UsageError
 from lpvobs.io.results.results import read_result
 from lpvobs.io.results.surfaces import ORIGINS, Surface, read_surface
+from lpvobs.observer.estimate import ERROR
 from lpvobs.report.tables import origin_counts
 
 if TYPE_CHECKING:
@@ -69,22 +70,14 @@ class Map(Surface):
             raise UsageError(
                 "to_xarray needs the library xarray; install it with: pip install 'lpvobs[notebook]'"
             ) from None
-        both, unit = (self.x.name, self.y.name), {"units": self.unit}
-        return xarray.Dataset(
-            {
-                "delta_W_c": (
-                    both,
-                    self.values,
-                    unit | {"long_name": "error of the mass air flow sensor, reading minus truth"},
-                ),
-                "standard_error": (both, self.standard_error, unit),
-                "origin": (both, np.vectorize(ORIGINS.get)(self.origin)),
-            },
-            {
-                axis.name: (axis.name, axis.nodes, {"units": axis.unit, "long_name": axis.long_name})
-                for axis in (self.x, self.y)
-            },
-        )
+        axes = [(axis.name, axis.nodes, {"units": axis.unit, "long_name": axis.long_name}) for axis in (self.x, self.y)]
+        both, unit = [name for name, *_ in axes], {"units": self.unit}
+        contents = {
+            "delta_W_c": (both, self.values, unit | {"long_name": ERROR}),
+            "standard_error": (both, self.standard_error, unit),
+            "origin": (both, np.vectorize(ORIGINS.get)(self.origin)),
+        }
+        return xarray.Dataset(contents, {axis[0]: axis for axis in axes})
 
 
 def read_map(result: File, values: str = "") -> Map:

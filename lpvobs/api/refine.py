@@ -1,7 +1,7 @@
 """`refine`: the model of a result with the effects that the logs prove."""
 
 import shutil
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -25,7 +25,6 @@ from lpvobs.observer.parts import inform_observed
 from lpvobs.synthesis.sensor_state import SensorState, with_sensor_state
 
 
-@dataclass(frozen=True, kw_only=True)
 class RefineOutput(TraceOutput):
     """What was added to the model, error before and after."""
 
@@ -64,11 +63,11 @@ def refine(
         told = shown(progress)
         searched = within(told, 0.0, 0.95)
         closed = close(as_path(result), paths, unseen, freeze_map, searched, anew=True, calibrated=engine)
-        if not closed.refinement.trace.findings:
+        if not closed.traced.found.findings:
             with replacing(target) as temporary:
                 shutil.copyfile(closed.stored.path, temporary)
                 refuse_replaced(closed.stored)
-        elif closed.frozen:
+        elif closed.traced.map_frozen:
             _write_beside(target, closed)
         else:
             _write_anew(target, closed)

@@ -1,17 +1,28 @@
-"""Where a search starts: map and engine as the stored model has them, a map that stands or not, or what refinements have left."""
+"""Where a search starts: map and engine as the stored model has them, a map that stands or not, or what refinements have left.
+
+What the drives that made a map show of the engine beside it is learned when the map is estimated.
+"""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
+from lpvobs.api.known_engine import known_engine
+from lpvobs.discovery.healthy_sizes import learned
 from lpvobs.discovery.residual import MapPrior, free_map, nominal_map
+from lpvobs.discovery.thresholds import HEALTHY_LEAST, HEALTHY_SECONDS, MOST_ROWS
 from lpvobs.engines.residual_model import ResidualModel
 from lpvobs.engines.unknowns import LeftAtNodes, Unknowns
 from lpvobs.errors import DataError
+from lpvobs.io.logs.parquet import metadata_of
+from lpvobs.io.logs.reading import read_log
 from lpvobs.io.results.engines import EngineOfMap
+from lpvobs.io.results.mapping import write
 from lpvobs.io.results.refinements import StoredRefinement
-from lpvobs.io.results.results import StoredResult
+from lpvobs.io.results.results import StoredResult, read_result, update
 from lpvobs.maps.grid import Grid
 from lpvobs.records import Array, Log
 
@@ -21,18 +32,24 @@ linear around its optimum, and of noise that is less independent than it assumes
 
 
 @dataclass(frozen=True)
-class Known:
-    """The stored model before other logs are looked at."""
+class Start:
+    """What a search starts from: a model around the constants or curves of the stored one, and the map as it is there."""
 
+    model: ResidualModel
     prior: MapPrior
-    # relative deviation from the configured value, of each unknown of the model that the map goes with; none: all as configured
+    # relative deviation from the configured or learned value, of each unknown that the map goes with; none: all as configured
     constants: Mapping[str, float]
-    covariance: Array  # (q, q) of all unknowns of the model, relative to where they are found
+
+    def total(self, found: Mapping[str, float]) -> dict[str, float]:
+        """Return deviations from this start as deviations from the configured or learned values."""
+        names = self.model.names
+        own, further = (np.array([values.get(name, 0.0) for name in names]) for values in (self.constants, found))
+        return dict(zip(names, self.model.both(own, further).tolist(), strict=True))
 
 
 def known_from(
     stored: StoredResult, model: ResidualModel, prior_map: float, calibrated: Unknowns | None = None
-) -> Known:
+) -> Start:
     """Return a stored map that stands, and the engine that it was estimated with.
 
     With S = cov(map, constants) cov(constants)^-1 the map is theta + S (beta - found) + error. Constants that are no unknowns
@@ -61,13 +78,19 @@ def known_from(
     covariance[np.ix_(place, place)] = relative + LEAST_LEFT**2 * model.covariance[np.ix_(place, place)]
     S[:, place] = prior.sensitivity[:, own]
     constants = {found.constants[i]: float(deviation[i]) for i in own}
-    return Known(replace(prior, mean=prior.mean + prior.sensitivity @ moved, sensitivity=S), constants, covariance)
+    there = replace(prior, mean=prior.mean + prior.sensitivity @ moved, sensitivity=S)
+    return _started(model, there, constants, covariance)
 
 
-def nothing_known(model: ResidualModel, grid: Grid, prior_map: float, calibrated: Unknowns | None = None) -> Known:
+def nothing_known(model: ResidualModel, grid: Grid, prior_map: float, calibrated: Unknowns | None = None) -> Start:
     """Return what is known where the logs make the map anew, of an engine as it is configured or calibrated."""
     free = free_map(grid, len(model.names), prior_map)
-    return Known(free, {} if calibrated is None else calibrated.deviation(), model.covariance)
+    return _started(model, free, {} if calibrated is None else calibrated.deviation(), model.covariance)
+
+
+def _started(model: ResidualModel, prior: MapPrior, constants: Mapping[str, float], covariance: Array) -> Start:
+    """Return a start at these constants, with the covariance (q, q) of all unknowns of the model relative to them."""
+    return Start(model.restarted(constants, covariance) if constants else model, prior, constants)
 
 
 def _with_left(prior: MapPrior, found: EngineOfMap, calibrated: Unknowns, left: LeftAtNodes) -> MapPrior:
@@ -91,23 +114,7 @@ def _of_model(found: EngineOfMap, names: Sequence[str]) -> tuple[Array, list[int
     return deviation, own, C[np.ix_(own, own)] - answer @ C[np.ix_(others, own)]
 
 
-@dataclass(frozen=True)
-class Start:
-    """What a search starts from."""
-
-    model: ResidualModel  # around the constants or curves of the stored model
-    prior: MapPrior  # the map as it is there
-    # their relative deviation from the configured or learned ones
-    constants: Mapping[str, float] = field(default_factory=dict)
-
-    def total(self, found: Mapping[str, float]) -> dict[str, float]:
-        """Return deviations from this start as deviations from the configured or learned values."""
-        names = self.model.names
-        own, further = (np.array([values.get(name, 0.0) for name in names]) for values in (self.constants, found))
-        return dict(zip(names, self.model.both(own, further).tolist(), strict=True))
-
-
-def search_start(model: ResidualModel, known: Known, refined: StoredRefinement | None, logs: Sequence[Log]) -> Start:
+def search_start(model: ResidualModel, known: Start, refined: StoredRefinement | None, logs: Sequence[Log]) -> Start:
     """Return where the search on logs starts: at the constants that the stored model was estimated with.
 
     Logs that have not told of the effects of a refined model begin with its constants, and with what it left of their tolerance;
@@ -115,13 +122,11 @@ def search_start(model: ResidualModel, known: Known, refined: StoredRefinement |
     with the configured or calibrated constants again.
     """
     if refined is None or any(effect.took_part(logs) for effect in refined.effects):
-        if not known.constants:
-            return Start(model, known.prior)
-        return Start(model.restarted(known.constants, known.covariance), known.prior, known.constants)
+        return known
     moved, covariance = _refined_constants(model, refined)
     shift = np.array([moved[name] - known.constants.get(name, 0.0) for name in model.names])
     prior = replace(known.prior, mean=known.prior.mean + known.prior.sensitivity @ shift)
-    return Start(model.restarted(moved, covariance), prior, moved)
+    return _started(model, prior, moved, covariance)
 
 
 def _refined_constants(model: ResidualModel, refined: StoredRefinement) -> tuple[dict[str, float], Array]:
@@ -130,3 +135,34 @@ def _refined_constants(model: ResidualModel, refined: StoredRefinement) -> tuple
     left = [np.clip(refined.deviations.get(name, width), LEAST_LEFT * width, width) for name, width in widths.items()]
     share = np.array(left) / model.spread
     return {name: refined.constants.get(name, 0.0) for name in model.names}, model.covariance * np.outer(share, share)
+
+
+HEALTHY = "healthy"
+
+
+def learn_healthy(out: Path, names: Mapping[Path, str], outliers: Sequence[str]) -> None:
+    """Write `/healthy` into a new result: what its own logs leave, without those that stand out.
+
+    A result stays as it is where nothing can be learned: by an engine that knows its healthy errors already, from logs of less
+    than `HEALTHY_LEAST`, or beside a map whose method does not tell of the engine.
+    """
+    stored = read_result(out)
+    engine = known_engine(stored)
+    if engine.healthy is not None:
+        return
+    with suppress(DataError):
+        model = engine.residual_model()
+        known = known_from(stored, model, engine.config.estimate.prior_map, engine.calibrated)
+        logs: list[Log] = []
+        digest = {log.name: log.sha256 for log in stored.logs}
+        for path in sorted(names, key=lambda path: digest.get(names[path], "")):  # the same bytes in any order
+            if names[path] in outliers or metadata_of(path).num_rows > MOST_ROWS:
+                continue
+            if sum(log.time[-1] - log.time[0] for log in logs) > HEALTHY_SECONDS:
+                break
+            with suppress(DataError):
+                logs.append(read_log(path, engine.air_path.channels, engine.config.reading))
+        if model.blocks or sum(log.time[-1] - log.time[0] for log in logs) < HEALTHY_LEAST:
+            return
+        found = learned(known.model, engine.config.grid(), known.prior, logs)
+        update(stored, lambda file: write(file, HEALTHY, found) and None)

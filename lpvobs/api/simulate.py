@@ -1,7 +1,7 @@
 """`simulate`: a cycle through the simulated engine into a log, or stationary points into a table."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from lpvobs.api.files import File, Progress, as_path, shown, writing
 from lpvobs.engines.registry import ENGINES
@@ -9,14 +9,13 @@ from lpvobs.errors import UsageError
 from lpvobs.io.configuration.config import Config, Effects, load_config, load_effects
 from lpvobs.io.logs import bench, finding, parquet
 from lpvobs.io.results.engines import read_engine
-from lpvobs.kinds import Count, Seconds
+from lpvobs.kinds import Count, Output, Seconds
 from lpvobs.simulation import simulate as plant
 from lpvobs.simulation import stationary
 from lpvobs.simulation.parameters import SimulationParameters
 
 
-@dataclass(frozen=True, kw_only=True)
-class SimulateOutput:
+class SimulateOutput(Output):
     """A log that was driven, or a table of stationary points, each of which was recorded for 30 s."""
 
     log: str

@@ -1,7 +1,6 @@
 """`synth-gain`: from the configuration and logs to a proven gain."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -25,7 +24,6 @@ from lpvobs.synthesis.problem import GainProblem
 from lpvobs.synthesis.region import GainSettings, Region
 
 
-@dataclass(frozen=True, kw_only=True)
 class SynthGainOutput(GainOutput):
     """A gain with its certificate."""
 

@@ -5,19 +5,19 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
 from msgspec import UNSET
 
 from lpvobs.api.files import File, Files, Progress, refuse_copies, shown, some_logs, updating, usable
-from lpvobs.api.healthy import GROUP
 from lpvobs.api.known_engine import KnownEngine, known_engine
-from lpvobs.api.search_start import Start, known_from, nothing_known, search_start
+from lpvobs.api.search_start import HEALTHY, Start, known_from, nothing_known, search_start
 from lpvobs.discovery.forms import PREFIX
 from lpvobs.discovery.healthy_drive import HealthyDrive
 from lpvobs.discovery.known_effects import KnownEffect, Span
-from lpvobs.discovery.outcome import Outcome, StoredOutcome, Trace, plain
+from lpvobs.discovery.outcome import Outcome, Trace
 from lpvobs.discovery.portrait import portrait
 from lpvobs.discovery.refine import Refinement, refine
 from lpvobs.discovery.thresholds import SLOWEST
@@ -32,7 +32,6 @@ from lpvobs.kinds import Refused
 from lpvobs.records import Log
 
 
-@dataclass(frozen=True, kw_only=True)
 class TraceOutput(Outcome):
     """What the model lacks."""
 
@@ -48,9 +47,9 @@ class Traced:
     map_frozen: bool  # whether the map stood; otherwise it was estimated together with the effects
     refused: tuple[str, ...]  # why logs were left out, one line each
 
-    def output(self, refined: bool) -> TraceOutput:
-        """Return what is printed; what follows from the error after only where refined."""
-        return TraceOutput(**vars(self.found.output(refined)), map_frozen=self.map_frozen, refused=self.refused)
+    def as_json(self, refined: bool) -> dict[str, Any]:
+        """Return the fields of `TraceOutput` as plain data; what follows from the error after only where refined."""
+        return self.found.as_json(refined) | {"map_frozen": self.map_frozen, "refused": self.refused}
 
 
 def trace(
@@ -93,20 +92,14 @@ POOLED, POOLED_UNSEEN = "(all logs)", "(all logs held out)"
 
 @dataclass(frozen=True)
 class Closed:
-    """The closed loop on logs: the stored model, what came of it, and whether the map stood."""
+    """The closed loop on logs: the stored model, what came of it, and what the verb tells."""
 
     stored: StoredResult
     engine: KnownEngine
     start: Start
     used: Mapping[Path, Log]  # what was learned from
-    refused: tuple[str, ...]
     refinement: Refinement
-    frozen: bool
-
-    @property
-    def traced(self) -> Traced:
-        """What the verb tells."""
-        return Traced(self.refinement.trace, self.frozen, self.refused)
+    traced: Traced
 
     @property
     def constants(self) -> dict[str, float]:
@@ -114,9 +107,9 @@ class Closed:
         return self.start.total(self.refinement.beta)
 
     def content(self, refined: bool) -> str:
-        """Return the contract's object as JSON text."""
-        found, logs = vars(self.refinement.trace.output(refined)), tuple(log.name for log in self.used.values())
-        return json.dumps(plain(StoredOutcome(**found, logs_used=logs, map_frozen=self.frozen)))
+        """Return the fields of `StoredOutcome` as JSON text."""
+        further = {"logs_used": [log.name for log in self.used.values()], "map_frozen": self.traced.map_frozen}
+        return json.dumps(self.traced.found.as_json(refined) | further)
 
     def write_trace(self, file: h5py.File) -> None:
         """Write `/trace` in place of the one that is there."""
@@ -132,14 +125,14 @@ class Closed:
             effects=tuple(self._with_earlier(effect) for effect in effects),
             constants=self.constants,
             deviations=self.refinement.beta_deviation,
-            map_stood=self.frozen,
+            map_stood=self.traced.map_frozen,
             json=self.content(refined=True),
         )
         self._write_evidence(refinements.write_refinement(file, stored))
 
     def _write_evidence(self, group: h5py.Group) -> None:
         """Write the error before and after by log and pooled, the structure of the residual, and the data of pictures."""
-        found, trace = self.refinement, self.refinement.trace
+        found, trace = self.refinement, self.traced.found
         errors = {POOLED: (trace.error.comparison, False)}
         if trace.error_on_held_out_logs:
             errors[POOLED_UNSEEN] = (trace.error_on_held_out_logs.comparison, True)
@@ -155,7 +148,7 @@ class Closed:
 
     def _with_earlier(self, effect: KnownEffect) -> KnownEffect:
         """Return an effect that says it is absent from earlier logs: those of a map that stood, and of earlier refinements."""
-        earlier = {log.sha256: log.name for log in self.stored.logs} if self.frozen else {}
+        earlier = {log.sha256: log.name for log in self.stored.logs} if self.traced.map_frozen else {}
         earlier |= {span.sha256: span.log for other in self.refinement.known_effects for span in other.spans}
         told = {span.sha256 for span in effect.spans}
         without = [Span(name, digest, np.inf, np.inf) for digest, name in earlier.items() if digest not in told]
@@ -207,11 +200,11 @@ def close(
         before = nothing_known(model, grid, prior_map, engine.calibrated)
     start = search_start(model, before, refined, logs)
     known = () if refined is None else refined.effects
-    healthy = read_beside(path, GROUP, HealthyDrive) if frozen else None
+    healthy = read_beside(path, HEALTHY, HealthyDrive) if frozen else None
     found = refine(start.model, grid, start.prior, logs, progress, known, hold_out, healthy)
     if found.trace.verdict == "unexplained" or any(effect.id.startswith(PREFIX) for effect in found.trace.findings):
         _refuse_slow(logs)
-    return Closed(stored, engine, start, used, refused + refused_unseen, found, frozen)
+    return Closed(stored, engine, start, used, found, Traced(found.trace, frozen, refused + refused_unseen))
 
 
 def expect_cascade(path: Path, gain: StoredGain) -> None:

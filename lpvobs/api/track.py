@@ -24,7 +24,7 @@ from lpvobs.io.results.fleets import FleetSums, StoredFleet, dated, read_fleet, 
 from lpvobs.io.results.parts import PartsFolder, run_key
 from lpvobs.io.results.provenance import Provenance
 from lpvobs.io.safety.atomic import state_of
-from lpvobs.kinds import Count, Refused
+from lpvobs.kinds import Count, Output, Refused
 from lpvobs.observer.estimate import merged
 from lpvobs.observer.log_run import Beginning
 from lpvobs.observer.parts import added_up
@@ -41,8 +41,7 @@ ALONE = 24 << 20
 """[bytes] of logs that this process has read by the time that two others have started and read theirs."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class TrackOutput:
+class TrackOutput(Output):
     """What is known of a fleet; trends and sizes are level [kg/s], gain [1] and shape [kg/s]."""
 
     fleet: str
@@ -164,10 +163,10 @@ def track(
         PartsFolder(target, "", KeptLog).remove()
         if table is not None:
             write_table(as_path(table), fleet)
-    return fleet, output_of(fleet, len(sums.logs) - len(known), reused, refused)
+    return fleet, output_of(fleet, len(sums.logs) - len(known), reused)
 
 
-def output_of(fleet: StoredFleet, new: int, reused: int, refused: Sequence[str]) -> TrackOutput:
+def output_of(fleet: StoredFleet, new: int, reused: int) -> TrackOutput:
     """Return what is printed of a fleet."""
     found = fleet.found
     return TrackOutput(
@@ -175,7 +174,7 @@ def output_of(fleet: StoredFleet, new: int, reused: int, refused: Sequence[str])
         logs=len(fleet.kept.logs),
         new=new,
         reused=reused,
-        refused=tuple(refused),
+        refused=fleet.refused,
         periods=sorted({each.period for each in found.maps}),
         vehicles=found.worst_first(),
         changes=found.changes,

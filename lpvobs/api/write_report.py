@@ -24,12 +24,11 @@ from lpvobs.io.results.provenance import Provenance
 from lpvobs.io.results.refinements import StoredRefinement
 from lpvobs.io.results.results import StoredResult, read_beside
 from lpvobs.io.results.surfaces import read_surface
-from lpvobs.report.content import Report, load
+from lpvobs.report.content import Report, load, report_output
 from lpvobs.report.engines import CalibrateOutput, told
 from lpvobs.report.fit import ResidualFit, fit_along
 from lpvobs.report.gates import Verdict, enforce, judge, junit_xml, parse_gate
 from lpvobs.report.outputs import RegionMean, ReportOutput
-from lpvobs.report.reported import report_output
 
 
 def write_report(
@@ -97,7 +96,7 @@ def make_report(
             for name, stored in report.named
             for log in stored.logs
             if log.sha256 in report.paths
-            for fit in fits_of(name, stored, report.paths[log.sha256])
+            for fit in fits_of((name, log.name), stored, report.paths[log.sha256])
         ]
         regions = [] if region is None else [_mean_over(name, item.path, region) for name, item in report.named]
         report = replace(report, fits=tuple(fits), regions=tuple(regions))
@@ -160,8 +159,11 @@ def report_engine(engine: File, *, html: File | None = None) -> CalibrateOutput:
     return found
 
 
-def fits_of(name: str, stored: StoredResult, path: Path) -> Iterator[ResidualFit]:
-    """Yield the fit of every balance that predicts the reading; none where the method of the map does not tell of the engine."""
+def fits_of(names: tuple[str, str], stored: StoredResult, path: Path) -> Iterator[ResidualFit]:
+    """Yield the fit of every balance that predicts the reading; none where the method of the map does not tell of the engine.
+
+    `names` are those of result and log.
+    """
     # The prediction is the flow past the sensor by the balance, with the constants that were found, plus the map: y - e.
     engine = known_engine(stored)
     model = engine.residual_model()
@@ -186,6 +188,6 @@ def fits_of(name: str, stored: StoredResult, path: Path) -> Iterator[ResidualFit
         if np.any(slope != 0.0):
             with np.errstate(divide="ignore", invalid="ignore"):
                 predicted = np.where(shown, measured - (e / slope - theta), np.nan)
-            found = fit_along((name, log.name, balance), problem.time, measured, predicted, inputs)
+            found = fit_along((*names, balance), problem.time, measured, predicted, inputs)
             if found is not None:
-                yield replace(found, log=next(own.name for own in stored.logs if own.sha256 == log.sha256))
+                yield found

@@ -10,15 +10,12 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, NoReturn, ParamSpec, TypeVar
+from typing import Any, NoReturn
 
 import typer
 
 from lpvobs.cli.signals import Stopped, ignore_signals, received
 from lpvobs.errors import DataError, LpvobsError, UsageError
-
-P = ParamSpec("P")
-R = TypeVar("R")
 
 DISK_FAILURES = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
 """What a full or broken disk says, wherever it hits: also where compiled code is kept for the next time."""
@@ -33,14 +30,14 @@ LEAST_ADDRESSES = 2**30
 """[bytes]; with 0.8 of it short verbs still work, with 0.6 the compiler of the kernels ends the process."""
 
 
-def guarded(verb: Callable[P, R]) -> Callable[P, R]:
+def guarded(verb: Callable[..., None]) -> Callable[..., None]:
     """Return the verb with failures turned into one line on stderr and the contract's exit code."""
 
     @functools.wraps(verb)
-    def run(*args: P.args, **kwargs: P.kwargs) -> R:
+    def run(*args: Any, **kwargs: Any) -> None:
         try:
             _expect_surroundings()
-            return verb(*args, **kwargs)
+            verb(*args, **kwargs)
         except typer.Exit:
             raise
         except Stopped as stop:

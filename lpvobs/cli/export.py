@@ -3,14 +3,13 @@
 from functools import partial
 from pathlib import Path
 
-from lpvobs.cli.common import guarded, print_json, say, table
+from lpvobs.cli.common import print_json, say, table
 from lpvobs.cli.options import ENGINE, FORMATS, JSON, MAP_GAINS, UNITS, argument, flag, needed, option
 from lpvobs.errors import UsageError
 
 WHAT = "dcm, cdfx, csv or netcdf: the map; lab: a label list for INCA; c99 or fmu: the observer for a control unit."
 
 
-@guarded
 def export(
     result: Path = argument("RESULT.h5", "A result of estimate. For c99 and fmu: an observer gain made by synth-gain."),
     file_format: str = needed("FORMAT", WHAT, "--format", offers=FORMATS),

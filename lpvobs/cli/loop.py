@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import lpvobs
-from lpvobs.cli.common import guarded, leave, print_json, progress, say, table, visible
+from lpvobs.cli.common import leave, print_json, progress, say, table, visible
 from lpvobs.cli.options import ENGINE, JSON, LOGS, MAP, argument, needed, option
 
 if TYPE_CHECKING:
@@ -15,7 +15,6 @@ WIDTH = 80
 MOST_SHOWN = 6
 
 
-@guarded
 def trace(
     result: Path = argument(
         "RESULT.h5", "A result of estimate or refine. The findings are written into this file as /trace."
@@ -37,7 +36,7 @@ def trace(
     with progress("tracing") as report:
         traced = lpvobs.trace(result, logs, freeze_map=freeze_map, engine=engine, progress=report)
     if as_json:
-        print_json("trace", traced.output(refined=False))
+        print_json("trace", traced.as_json(refined=False))
     else:
         show(traced.found, traced.map_frozen, refined=False)
         say(
@@ -95,7 +94,6 @@ def _effects(title: str, effects: "tuple[Finding, ...]") -> tuple[list[str], lis
     return [title, "", "value", "5 %", "95 %", "unit", *(f"{edge} s" for edge in edges), "p"], rows
 
 
-@guarded
 def refine(
     result: Path = argument("RESULT.h5", "A result of estimate or refine."),
     logs: list[Path] = LOGS,
@@ -122,7 +120,7 @@ def refine(
         held = hold_out or ()
         traced = lpvobs.refine(result, logs, out, hold_out=held, freeze_map=freeze_map, engine=engine, progress=report)
     if as_json:
-        print_json("refine", traced.output(refined=True))
+        print_json("refine", traced.as_json(refined=True))
     else:
         show(traced.found, traced.map_frozen, refined=True)
         error = traced.found.error.comparison

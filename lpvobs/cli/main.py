@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from lpvobs import __version__
-from lpvobs.cli.common import visible
+from lpvobs.cli.common import guarded, visible
 from lpvobs.cli.signals import ignore_signals
 from lpvobs.cli.streams import Outlet, take_streams
 from lpvobs.errors import DataError, UsageError
@@ -28,23 +28,24 @@ VERBS = {
     "recordings.ingest": "Convert a recording of another tool (CSV, Parquet, MAT, MDF4) into a log.",
     "recordings.profile": "Draft the profile that ingest needs from the channels of a recording.",
     "recordings.inspect": "Show the channels, units, value ranges and defects of logs.",
-    "calibrate": "Find an engine's constants and component corrections from bench points and logs with a healthy MAF sensor.",
-    "gains.synth_gain": "Compute the observer gain and prove that the observer is stable with it.",
-    "gains.verify": "Prove the stability of a stored observer gain again, without the solver.",
+    "maps.calibrate": "Find an engine's constants and component corrections from bench points and logs with a healthy MAF sensor.",
+    "proofs.synth_gain": "Compute the observer gain and prove that the observer is stable with it.",
+    "proofs.verify": "Prove the stability of a stored observer gain again, without the solver.",
     "maps.estimate": "Estimate the error map of the mass air flow sensor from logs.",
     "maps.extrapolate": "Fill the map nodes that no log visited.",
     "loop.trace": "Find effects that the engine model lacks, from its residual.",
     "loop.refine": "Add the effects that the logs prove to the engine model, estimate again, and show the error before and after.",
     "export": "Write the map for calibration tools (DCM, CSV, netCDF), or the observer for a control unit (C99, FMU).",
-    "changes.compare": "Show how two maps differ, and where the difference exceeds their errors.",
-    "changes.track": "Follow the maps of many vehicles over time.",
-    "report": "Show a result as tables or an HTML page, and check limits on its metrics (gates).",
-    "selftest": "Test the installed package on cases with known answers.",
+    "results.compare": "Show how two maps differ, and where the difference exceeds their errors.",
+    "results.track": "Follow the maps of many vehicles over time.",
+    "results.report": "Show a result as tables or an HTML page, and check limits on its metrics (gates).",
+    "proofs.selftest": "Test the installed package on cases with known answers.",
 }
 """Short help by verb, behind its module where that has another name."""
 for place, told in VERBS.items():
     shared, _, name = place.rpartition(".")
-    app.command(name.replace("_", "-"), short_help=told)(getattr(import_module(f"lpvobs.cli.{shared or name}"), name))
+    verb = guarded(getattr(import_module(f"lpvobs.cli.{shared or name}"), name))
+    app.command(name.replace("_", "-"), short_help=told)(verb)
 
 
 def _version(wanted: bool) -> None:

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import lpvobs
-from lpvobs.cli.common import chosen_config, folder_config, guarded, leave, print_json, progress, say, table, visible
+from lpvobs.cli.common import chosen_config, folder_config, leave, print_json, progress, say, table, visible
 from lpvobs.cli.options import CONFIG, CYCLES, DATE, JSON, LOGS, PROFILES, VEHICLE, argument, needed, option
 from lpvobs.errors import UsageError
 
@@ -12,7 +12,6 @@ if TYPE_CHECKING:
     from lpvobs.api.inspect import InspectedLog
 
 
-@guarded
 def simulate(
     out: Path = needed("FILE", "The log or table to write."),
     cycle: str | None = option(
@@ -81,7 +80,6 @@ def simulate(
         say(f"{out}: {told}")
 
 
-@guarded
 def ingest(
     sources: list[Path] = argument(
         "SOURCE...",
@@ -113,7 +111,6 @@ def ingest(
     say(f"{out}: {record['raster']['samples']} samples; `lpvobs inspect` prints this table again")
 
 
-@guarded
 def profile(
     source: Path = argument("SOURCE", "The recording: a CSV, Parquet, MAT or MDF4 file."),
     out: Path | None = option("TOML", "The profile file to write. Without this option, the profile is printed."),
@@ -144,7 +141,6 @@ def profile(
         print(text, end="")
 
 
-@guarded
 def inspect(
     logs: list[Path] = LOGS,
     config: Path | None = option(
@@ -160,7 +156,7 @@ def inspect(
     For a result or an engine, inspect prints the same as `report`. Example: lpvobs inspect nedc.parquet
     """
     if logs[0].suffix == ".h5":
-        from lpvobs.cli.report import report
+        from lpvobs.cli.results import report
 
         return report(logs[0], logs[1:], None, None, None, None, list_metrics=False, as_json=as_json)
     from lpvobs.api.inspect import inspect_logs

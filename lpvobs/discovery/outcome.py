@@ -1,14 +1,14 @@
 """The outcome of `trace` and `refine`, as plain records and as the contract's JSON."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from typing import Annotated, Any
 
 from msgspec import UNSET, Meta, UnsetType, to_builtins
 
 from lpvobs.discovery.held_out import MEASURE, Comparison
 from lpvobs.discovery.whiteness import Frequency, Leftover, When, Where
-from lpvobs.kinds import Finite, Fraction
+from lpvobs.kinds import Finite, Fraction, Output
 from lpvobs.records import Item
 
 Verdict = Annotated[str, Meta(extra_json_schema={"enum": ["effect", "none", "unexplained"]})]
@@ -88,8 +88,7 @@ class Finding:
     formula: str | UnsetType = UNSET  # in words, for a form
 
 
-@dataclass(frozen=True, kw_only=True)
-class Leading:
+class Leading(Output):
     """A candidate for a residual that stays unexplained: fitted alone, with the share of the residual that it would explain."""
 
     id: str
@@ -170,8 +169,7 @@ class Ranked:
     unevenness: Annotated[float, Item("1", "variance of the effect's score over blocks, over that of noise", gaps=True)]
 
 
-@dataclass(frozen=True, kw_only=True)
-class ErrorOutput:
+class ErrorOutput(Output):
     """The error on held-out data: before, and after if the model was refined."""
 
     measure: Annotated[str, Meta(extra_json_schema={"const": MEASURE})]
@@ -186,10 +184,6 @@ class ErrorOutput:
     def comparison(self) -> Comparison:
         """Its numbers, where it has all of them."""
         return Comparison(**{field.name: getattr(self, field.name) for field in fields(Comparison)})
-
-    def before_alone(self) -> "ErrorOutput":
-        """Return the same without what follows from the error after."""
-        return replace(self, after=UNSET, ratio=UNSET, ratio_ci90=UNSET)
 
 
 def error_output(comparison: Comparison, how: str) -> ErrorOutput:
@@ -209,8 +203,7 @@ class ResidualOutput:
     balance: str | UnsetType = UNSET
 
 
-@dataclass(frozen=True, kw_only=True)
-class OutcomeOnLog:
+class OutcomeOnLog(Output):
     """What was found on one log; a log that was held out has no `residual`."""
 
     log: str
@@ -240,8 +233,7 @@ class OutcomeOnLog:
         return said + ([] if self.missing is UNSET else self.missing.notes())
 
 
-@dataclass(frozen=True, kw_only=True)
-class Outcome:
+class Outcome(Output):
     """What was found on all logs; `known_effects` are the effects that the model already had."""
 
     verdict: Verdict
@@ -261,7 +253,6 @@ class Outcome:
     logs: tuple[OutcomeOnLog, ...]
 
 
-@dataclass(frozen=True, kw_only=True)
 class StoredOutcome(Outcome):
     """What was found on all logs, as a result stores it."""
 
@@ -269,7 +260,6 @@ class StoredOutcome(Outcome):
     map_frozen: bool
 
 
-@dataclass(frozen=True, kw_only=True)
 class Trace(Outcome):
     """What was found, with the error before and after, and what a result keeps for figures beside it."""
 
@@ -281,24 +271,13 @@ class Trace(Outcome):
         """The effects that are named."""
         return self.effects
 
-    def output(self, refined: bool) -> Outcome:
-        """Return what is printed; `after` and what follows from it only where refined."""
-        whole = Outcome(**{field.name: getattr(self, field.name) for field in fields(Outcome)})
-        if refined:
-            return whole
-        unseen = self.error_on_held_out_logs
-        return replace(
-            whole,
-            error=self.error.before_alone(),
-            error_on_held_out_logs=unseen.before_alone() if unseen else UNSET,
-            logs=tuple(replace(part, error=part.error.before_alone()) for part in self.logs),
-        )
-
     def as_json(self, refined: bool) -> dict[str, Any]:
-        """Return the object of the contract as plain data, without its schema."""
-        return plain(self.output(refined))
-
-
-def plain(record: object) -> dict[str, Any]:
-    """Return a record as plain data, without what is not set."""
-    return to_builtins(record, enc_hook=lambda number: number.item())  # type: ignore[no-any-return]
+        """Return the object of the contract as plain data, without its schema; the error after and its ratio only where refined."""
+        whole = Outcome(**{field.name: getattr(self, field.name) for field in fields(Outcome)})
+        content: dict[str, Any] = to_builtins(whole, enc_hook=lambda number: number.item())
+        errors = [content["error"], *(part["error"] for part in content["logs"])]
+        errors += [content["error_on_held_out_logs"]] if self.error_on_held_out_logs else []
+        for error in () if refined else errors:
+            for name in ("after", "ratio", "ratio_ci90"):
+                del error[name]
+        return content

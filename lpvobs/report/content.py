@@ -1,4 +1,4 @@
-"""What a page shows, as plain frozen data, and the results and logs that it is made of: no drawing, no HTML."""
+"""What a page shows, as plain frozen data, and the results and logs that it is made of; the object of `report --json`."""
 
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -24,10 +24,10 @@ from lpvobs.maps.excitation import excitation
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import best_fit
 from lpvobs.records import Array, Log
-from lpvobs.report.discovered import Discovered, read_discovered, sentence
+from lpvobs.report import outputs
+from lpvobs.report.discovered import GROUPS, Discovered, read_discovered, sentence
 from lpvobs.report.fit import ResidualFit
-from lpvobs.report.names import cycle_title, distinct, paper_error
-from lpvobs.report.outputs import RegionMean
+from lpvobs.report.spoken import cycle_title, distinct, paper_error
 
 SEEN = 0.1
 """[s], how long a drive must inform a node for the fit to the references to show a value there."""
@@ -124,7 +124,7 @@ class Report:
     paths: Mapping[str, Path]
     drives: Mapping[str, Drive]
     fits: tuple[ResidualFit, ...] = ()  # how well the results follow the logs that were given
-    regions: tuple[RegionMean, ...] = ()
+    regions: tuple[outputs.RegionMean, ...] = ()
 
     @property
     def named(self) -> list[tuple[str, StoredResult]]:
@@ -170,8 +170,6 @@ def load(paths: Sequence[Path]) -> Report:
             raise DataError(f"{path}: no such file; name result files, or logs from which these results were made")
     inner = [path for path in further if is_hdf5(path)]
     results = [read_result(path) for path in (first, *inner)]
-    for result in results:
-        air_path_of(result)
     logs = {digest: path for path in further if path not in inner for digest in [log_digest(path)]}
     discovered = [read_discovered(result.path) for result in results]
     names = distinct([result.path for result in results])
@@ -240,3 +238,63 @@ def _reference_surface(air_path: type[AirPath], grid: Grid, log: Log, reference:
     informed = excitation(grid, fuel, speed, log.time, log.segments).nodes() >= SEEN
     values = np.where(informed, best, np.nan).reshape(grid.shape)
     return SurfaceView(grid, air_path.axes, values, np.zeros(grid.shape, dtype=bool))
+
+
+def report_output(report: Report) -> outputs.ReportOutput:
+    """Return the object of `report --json`."""
+    results = [_result_output(view) for view in report.results]
+    best = {(fit.result, fit.log): fit for fit in report.best_fits}
+    logs = [
+        outputs.ReportedLog(
+            result=name,
+            method=result.method,
+            paper_mean_relative_error=paper_error(result.air_path, log.name),
+            **_fit_fields(best.get((name, log.name))),
+            **outputs.log_fields(log),
+        )
+        for name, result in report.named
+        for log in result.logs
+    ]
+    return outputs.ReportOutput(
+        logs=logs,
+        map=results[0].map,
+        extrapolation=results[0].extrapolation,
+        results=results,
+        regions=report.regions,
+        fits=report.fits,
+        refused=[f"{name}: {line}" for name, result in report.named for line in result.refused],
+    )
+
+
+def _fit_fields(best: ResidualFit | None) -> dict[str, Any]:
+    if best is None:
+        return dict.fromkeys(("fit", "lags_outside", "input_lags_outside"))
+    outside = max(best.outside.values(), default=0.0)
+    return {"fit": best.fit, "lags_outside": best.lags_outside, "input_lags_outside": outside}
+
+
+def _result_output(view: ResultView) -> outputs.ReportedResult:
+    result, found = view.stored, {GROUPS[item.verb]: item.content for item in view.discovered}
+    fitted, nodes = result.extrapolation, int(result.supported.sum())
+    errors = result.standard_error[result.supported]
+    sought = found.get("trace") or found.get("refinement") or {"verdict": None, "error": {}}
+    return outputs.ReportedResult(
+        result=view.name,
+        file=str(result.path),
+        method=result.method,
+        map=outputs.MapCounts(
+            cells=result.grid.size,
+            estimated=nodes,
+            extrapolated=0 if fitted is None else int((fitted.support == 2).sum()),
+        ),
+        nodes_estimated=nodes,
+        standard_error=float(np.median(errors)) if errors.size and (errors > 0.0).all() else None,
+        balance_agreement=result.balance_agreement,
+        verdict=sought["verdict"],
+        residual=sought["error"].get("after", sought["error"].get("before")),
+        extrapolation=None if fitted is None else outputs.QuadraticOutput(**outputs.quadratic_fields(fitted)),
+        gain=outputs.ReportedGain(
+            **outputs.gain_fields(result.gain), smallest_pivot=result.gain.gain.certificate.smallest_pivot
+        ),
+        **found,
+    )

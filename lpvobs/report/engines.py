@@ -1,21 +1,18 @@
 """What is said of a calibrated engine: records for `--json`, rows of text."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
 from msgspec import Meta
 
-from lpvobs.engines.unknowns import Component
 from lpvobs.io.results.engines import StoredEngine
-from lpvobs.kinds import Count, Finite
+from lpvobs.kinds import Count, Finite, Output
 from lpvobs.records import Array
 from lpvobs.report.tables import Table, percent
 
 
-@dataclass(frozen=True, kw_only=True)
-class RowsOutput:
+class RowsOutput(Output):
     """How well bench rows of one kind fit."""
 
     kind: str
@@ -25,8 +22,7 @@ class RowsOutput:
     left: Annotated[Finite, Meta(description="Error that no smooth correction removes, as a share of the flow.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class ComponentOutput:
+class ComponentOutput(Output):
     """The correction of a component; in the unit of the correction."""
 
     component: str
@@ -38,8 +34,7 @@ class ComponentOutput:
     ]
 
 
-@dataclass(frozen=True, kw_only=True)
-class ConstantOutput:
+class ConstantOutput(Output):
     """A constant, as its relative deviation from the configured one."""
 
     deviation: Finite
@@ -50,8 +45,7 @@ class ConstantOutput:
     ]
 
 
-@dataclass(frozen=True, kw_only=True)
-class PlannedPoint:
+class PlannedPoint(Output):
     """A bench point that is worth recording."""
 
     point: Annotated[Mapping[str, Finite], Meta(description="Values that the bench has to set, by channel.")]
@@ -62,8 +56,7 @@ class PlannedPoint:
     ]
 
 
-@dataclass(frozen=True, kw_only=True)
-class CalibrateOutput:
+class CalibrateOutput(Output):
     """What is known of an engine."""
 
     engine: str
@@ -81,7 +74,7 @@ class CalibrateOutput:
 
 def told(stored: StoredEngine, out: str, plan: Sequence[PlannedPoint] = ()) -> CalibrateOutput:
     """Return what is said of a calibrated engine."""
-    mean, error, determined = stored.unknowns.mean, stored.error, stored.determined()
+    mean, error, determined = stored.unknowns.mean, stored.error, stored.determined.tolist()
     curves = {} if stored.learned is None else stored.learned.known.curves
     corrections: list[tuple[str, str, Array, Array, float | None]] = [
         (component.name, component.unit, mean[own], error[own], float(np.median(stored.prior_error[own])))
@@ -105,7 +98,7 @@ def told(stored: StoredEngine, out: str, plan: Sequence[PlannedPoint] = ()) -> C
         ),
         amplitudes=stored.amplitudes,
         constants={
-            name: ConstantOutput(deviation=value, standard_error=float(error[i]), determined=determined[name])
+            name: ConstantOutput(deviation=value, standard_error=float(error[i]), determined=determined[i])
             for i, (name, value) in enumerate(stored.deviation.items())
         },
         plan=plan,
@@ -136,9 +129,3 @@ def calibration_tables(found: CalibrateOutput) -> list[Table]:
         rows = [[*(f"{x:.5g}" for x in item.point.values()), f"{100 * item.after:.3g} %"] for item in found.plan]
         tables.append(([*header, "then unknown"], rows))
     return [(["flow", "rows", "as configured", "held out", "left over"], fit), *tables] if fit else tables
-
-
-def determined(stored: StoredEngine, component: Component) -> float:
-    """Return the share of a correction's nodes that the data determined: at most half of the prior's error is left."""
-    own = stored.unknowns.places()[component.name]
-    return float(np.mean(stored.error[own] < 0.5 * stored.prior_error[own]))

@@ -1,6 +1,6 @@
 """Figures of the map: over its two inputs, in space, cut open, and what to drive next; content in, SVG text out."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import matplotlib as mpl
@@ -33,19 +33,6 @@ def error_limit(surfaces: Sequence[SurfaceView]) -> float:
     """Return the largest estimated |value| of several maps, [kg/s], so that they share one colour scale."""
     sizes = [np.abs(surface.values[~surface.filled & np.isfinite(surface.values)]) for surface in surfaces]
     return max((float(size.max()) for size in sizes if size.size), default=0.0) or 1e-3
-
-
-@drawn()
-def error_map(figure: Figure, surface: SurfaceView, limit: float) -> None:
-    """Draw a heat map of the sensor's error with its values, [g/s]; extrapolated nodes are hatched."""
-    node_map(figure, surface, Normalize(-GRAMS * limit, GRAMS * limit), "sensor error [g/s]")
-
-
-@drawn()
-def standard_error_map(figure: Figure, surface: SurfaceView) -> None:
-    """Draw a heat map of the standard error with its values, [g/s]."""
-    known = GRAMS * surface.values[np.isfinite(surface.values) & (surface.values > 0)]
-    node_map(figure, surface, _log_scale(known), "standard error [g/s]")
 
 
 @drawn()
@@ -148,26 +135,17 @@ def _line(axes: Axes, at: Array, cut: Array, text: str, look: tuple[str, str]) -
 
 
 @drawn()
-def change_map(figure: Figure, surface: SurfaceView, changed: NDArray[np.bool_]) -> None:
-    """Draw a heat map of how a map has changed, [g/s]; nodes that have changed by more than their errors are framed."""
-    size = GRAMS * error_limit([surface])
-    axes = node_map(figure, surface, Normalize(-size, size), "change of the sensor error [g/s]")
-    frame(axes, surface, changed)
-
-
-@drawn()
 def plan_map(figure: Figure, surface: SurfaceView, plan: Plan) -> None:
     """Draw a heat map of how long to drive in each cell, [s]; the cells that pay best are framed and numbered."""
     u, n = surface.grid.fuel, surface.grid.speed
     top = float(np.nanmax(plan.time, initial=0.0)) or 1.0
     scale = LogNorm(min(1.0, 0.1 * top), top)
     axes = cell_map(figure, surface, plan.time, scale, "time to drive in the cell [s]")
-    for number, (row, column) in enumerate(plan.cells, 1):
-        corner, size = (u[column], n[row]), (u[column + 1] - u[column], n[row + 1] - n[row])
-        axes.add_patch(Rectangle(corner, *size, fill=False, edgecolor=READING, linewidth=1.8))
-        middle = corner[0] + 0.5 * size[0], corner[1] + 0.5 * size[1]
+    frame(axes, u, n, plan.cells)
+    for number, (j, i) in enumerate(plan.cells, 1):
         axes.text(
-            *middle,
+            0.5 * (u[i] + u[i + 1]),
+            0.5 * (n[j] + n[j + 1]),
             str(number),
             ha="center",
             va="center_baseline",
@@ -177,17 +155,27 @@ def plan_map(figure: Figure, surface: SurfaceView, plan: Plan) -> None:
         )
 
 
-def node_map(figure: Figure, surface: SurfaceView, scale: Normalize, label: str) -> Axes:
-    """Draw a rectangle per node with its value, and return the axes."""
+@drawn()
+def error_map(
+    figure: Figure,
+    surface: SurfaceView,
+    limit: float | None = None,
+    label: str = "sensor error [g/s]",
+    framed: NDArray[np.bool_] | None = None,
+) -> None:
+    """Draw a heat map with a value at every node, [g/s]; extrapolated nodes are hatched, those of `framed` have a frame.
+
+    Colours reach as far as `limit` [kg/s] on either side of zero; without one they are of positive values, on a logarithmic scale.
+    """
     axes = figure.add_subplot()
     grid, values = surface.grid, GRAMS * surface.values
     u_edges, n_edges = edges(grid.fuel), edges(grid.speed)
-    colours = DIVERGING if scale.vmin is not None and scale.vmin < 0 else SEQUENTIAL
-    image = axes.pcolormesh(u_edges, n_edges, values, cmap=colours, norm=scale)
+    scale = _log_scale(values[values > 0.0]) if limit is None else Normalize(-GRAMS * limit, GRAMS * limit)
+    image = axes.pcolormesh(u_edges, n_edges, values, cmap=SEQUENTIAL if limit is None else DIVERGING, norm=scale)
     if surface.filled.any():
         axes.add_patch(_hatched(u_edges, n_edges, surface.filled))
     if surface.doubtful is not None:
-        frame(axes, surface, surface.doubtful, linestyle=":")
+        frame(axes, u_edges, n_edges, np.argwhere(surface.doubtful), linestyle=":")
     digits = int(np.clip(1 - np.floor(np.log10(float(scale.vmax or 1.0))), 0, 4))  # about two of the largest value
     for (j, i), value in np.ndenumerate(values):
         if np.isfinite(value):
@@ -197,7 +185,7 @@ def node_map(figure: Figure, surface: SurfaceView, scale: Normalize, label: str)
                 float(grid.fuel[i]),
                 float(grid.speed[j]),
                 _value(value, digits),
-                gid=f"{TIP}{_where(surface, i, j)}: {_value(value, digits + 2)}{_mark(surface, j, i)}",
+                gid=TIP + _told(surface, j, i, _value(value, digits + 2)),
                 ha="center",
                 va="center_baseline",
                 fontsize=6.5,
@@ -207,14 +195,14 @@ def node_map(figure: Figure, surface: SurfaceView, scale: Normalize, label: str)
     label_axes(axes, surface.axes)
     axes.set_xticks(grid.fuel[::2])
     axes.set_yticks(grid.speed[::2])
-    return axes
+    if framed is not None:
+        frame(axes, u_edges, n_edges, np.argwhere(framed))
 
 
-def frame(axes: Axes, surface: SurfaceView, nodes: NDArray[np.bool_], **look: Any) -> None:
-    """Draw a frame around some nodes."""
-    u, n = edges(surface.grid.fuel), edges(surface.grid.speed)
+def frame(axes: Axes, u: Array, n: Array, places: Iterable[Sequence[int]], **look: Any) -> None:
+    """Draw a frame around some rectangles, by their place between the edges n and u."""
     style: dict[str, Any] = {"fill": False, "edgecolor": READING, "linewidth": 1.8} | look
-    for j, i in np.argwhere(nodes):
+    for j, i in places:
         axes.add_patch(Rectangle((u[i], n[j]), u[i + 1] - u[i], n[j + 1] - n[j], **style))
 
 
@@ -250,16 +238,14 @@ def _log_scale(values: Array) -> LogNorm:
     return LogNorm(max(min(low, 0.1 * top), 1e-4 * top), top)
 
 
-def _mark(surface: SurfaceView, j: int, i: int) -> str:
-    if surface.filled[j, i]:
-        return ", extrapolated"
-    doubtful = surface.doubtful is not None and surface.doubtful[j, i]
-    return ", doubtful: few estimated neighbours and a large standard error" if doubtful else ""
-
-
-def _where(surface: SurfaceView, i: int, j: int) -> str:
+def _told(surface: SurfaceView, j: int, i: int, value: str) -> str:
+    """Return what is said of a node when the pointer rests on it."""
     fuel, speed = surface.axes
-    return f"{surface.grid.fuel[i]:g} {fuel.unit}, {surface.grid.speed[j]:g} {speed.unit}"
+    said = f"{surface.grid.fuel[i]:g} {fuel.unit}, {surface.grid.speed[j]:g} {speed.unit}: {value}"
+    if surface.filled[j, i]:
+        return f"{said}, extrapolated"
+    doubtful = surface.doubtful is not None and surface.doubtful[j, i]
+    return f"{said}, doubtful: few estimated neighbours and a large standard error" if doubtful else said
 
 
 def _value(value: float, digits: int) -> str:

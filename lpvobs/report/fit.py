@@ -4,14 +4,13 @@ Plain numbers, for JSON, gates and figures alike. A residual is white at 99 % if
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from lpvobs.kinds import Count, Finite, Fraction, KgPerS, Seconds
+from lpvobs.kinds import Count, Finite, Fraction, KgPerS, Output, Seconds
 from lpvobs.records import Array
 
 LAGS = 25
@@ -24,8 +23,7 @@ LEAST = 4 * LAGS
 """Values that correlations take at least; the toolbox asks for no number, but a lag needs pairs."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class ResidualFit:
+class ResidualFit(Output):
     """One balance along one log: how well its flow and the map predict the reading, and what is left."""
 
     result: str

@@ -11,7 +11,7 @@ from msgspec import UNSET, Meta, UnsetType
 
 from lpvobs.io.results.gains import StoredGain
 from lpvobs.io.results.results import LogSummary
-from lpvobs.kinds import Count, Finite, Fraction, KgPerS, Refused, Seconds, Sha
+from lpvobs.kinds import Count, Finite, Fraction, KgPerS, Output, Refused, Seconds, Sha
 from lpvobs.maps.metrics import Metrics
 from lpvobs.maps.quadratic import Filled
 from lpvobs.report.fit import ResidualFit
@@ -51,8 +51,7 @@ def metrics_of(record: type) -> dict[str, Metric]:
 StoredOutcome = Annotated[Mapping[str, Any], Meta(extra_json_schema={"$ref": "#/$defs/StoredOutcome"})]
 
 
-@dataclass(frozen=True, kw_only=True)
-class LogOutput:
+class LogOutput(Output):
     """A log of a result with its metrics; a metric that a log cannot have is null."""
 
     log: str
@@ -99,8 +98,7 @@ class Coefficients:
     c1: float
 
 
-@dataclass(frozen=True, kw_only=True)
-class QuadraticOutput:
+class QuadraticOutput(Output):
     """A filled map and its Eq. (37)."""
 
     method: str
@@ -110,16 +108,14 @@ class QuadraticOutput:
     nodes: Count
 
 
-@dataclass(frozen=True, kw_only=True)
-class StateBoundOutput:
+class StateBoundOutput(Output):
     """Proven largest errors of the states: a row each, per size of what disturbs the rate of each state, or an output."""
 
     of_rates: Sequence[Sequence[Finite]]
     of_outputs: Sequence[Sequence[Finite]]
 
 
-@dataclass(frozen=True, kw_only=True)
-class GainOutput:
+class GainOutput(Output):
     """A gain and what is proven of it."""
 
     origin: str
@@ -130,7 +126,6 @@ class GainOutput:
     state_bound: StateBoundOutput | None
 
 
-@dataclass(frozen=True, kw_only=True)
 class ReportedLog(LogOutput):
     """A log of one of the results."""
 
@@ -155,8 +150,7 @@ class ReportedLog(LogOutput):
     ]
 
 
-@dataclass(frozen=True, kw_only=True)
-class MapCounts:
+class MapCounts(Output):
     """Nodes of a map by where their value comes from."""
 
     cells: Count
@@ -164,15 +158,13 @@ class MapCounts:
     extrapolated: Count
 
 
-@dataclass(frozen=True, kw_only=True)
 class ReportedGain(GainOutput):
     """The gain of a result."""
 
     smallest_pivot: float
 
 
-@dataclass(frozen=True, kw_only=True)
-class ReportedResult:
+class ReportedResult(Output):
     """One of the results."""
 
     result: str
@@ -205,8 +197,7 @@ class ReportedResult:
     refinement: StoredOutcome | UnsetType = UNSET
 
 
-@dataclass(frozen=True, kw_only=True)
-class RegionMean:
+class RegionMean(Output):
     """The mean of a result's map over a region."""
 
     result: str
@@ -215,8 +206,7 @@ class RegionMean:
     ci90: tuple[KgPerS, KgPerS]
 
 
-@dataclass(frozen=True, kw_only=True)
-class ReportOutput:
+class ReportOutput(Output):
     """Metrics of every log; map and extrapolation are those of the first result."""
 
     logs: Sequence[ReportedLog]

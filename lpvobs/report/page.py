@@ -21,7 +21,6 @@ from lpvobs.report import (
     engines,
     figures,
     fleets,
-    names,
     residual_figures,
     spoken,
     tables,
@@ -33,7 +32,7 @@ _NOT_SHOWN = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u
 """What names from files may hold and a page may not: controls, letters that turn the direction of others, halves of letters."""
 
 KNOWN = 1e-3  # [kg/s], standard error of a type's node from which it is drawn
-ASKED = courses, discovered, engine_figures, engines, figures, fleets, names, residual_figures, spoken, tables
+ASKED = courses, discovered, engine_figures, engines, figures, fleets, residual_figures, spoken, tables
 """What the templates call by name."""
 
 
@@ -122,8 +121,8 @@ def rendered(template: str, **content: Any) -> str:
         "grams": tables.grams,
         "chance": spoken.chance,
         "second": spoken.second,
-        "method": names.method_title,
-        "cycle": names.cycle_title,
+        "method": spoken.method_title,
+        "cycle": spoken.cycle_title,
         "significant": lambda value, digits: f"{value:.{digits}g}",
     }
     return _NOT_SHOWN.sub(

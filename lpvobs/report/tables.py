@@ -13,8 +13,8 @@ from lpvobs.io.results.surfaces import ORIGINS, Surface
 from lpvobs.maps.quadratic import COEFFICIENTS
 from lpvobs.observer.disagreement import Agreement
 from lpvobs.report.fit import ResidualFit
-from lpvobs.report.names import cycle_title, paper_error
 from lpvobs.report.outputs import RegionMean, log_fields
+from lpvobs.report.spoken import cycle_title, paper_error
 
 Table = tuple[list[str], list[list[str]]]
 NONE = "-"

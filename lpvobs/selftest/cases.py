@@ -25,6 +25,7 @@ from lpvobs.io.logs.units import convert
 from lpvobs.io.results.gains import StoredGain, read_gain, write_gain
 from lpvobs.io.results.provenance import Provenance, versions
 from lpvobs.io.results.results import read_result
+from lpvobs.kinds import Output
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.quadratic import evaluate, fit
 from lpvobs.records import Array
@@ -54,8 +55,7 @@ def row(
     return CaseOutput(case, basis, expected, found, within, unit, note, bool(abs(found - expected) <= within))
 
 
-@dataclass(frozen=True, kw_only=True)
-class SelftestOutput:
+class SelftestOutput(Output):
     """Cases with known answers."""
 
     passed: bool

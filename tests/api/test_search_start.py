@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from repository import DIESEL
 
-from lpvobs.api.search_start import LEAST_LEFT, Known, known_from, nothing_known, search_start
+from lpvobs.api.search_start import LEAST_LEFT, Start, known_from, nothing_known, search_start
 from lpvobs.discovery.known_effects import KnownEffect, Span
 from lpvobs.discovery.residual import MapPrior
 from lpvobs.discovery.thresholds import LIKENESS
@@ -41,15 +41,16 @@ def log(sha256):
 
 
 @pytest.fixture(scope="module")
-def known(prior):
+def known(model, prior):
     """Return a map that was estimated with a displacement 0.1 % above the configured one."""
-    return Known(prior, {"V_d": 0.001}, np.array([[1e-6, 2e-7], [2e-7, 4e-6]]))
+    moved = {"V_d": 0.001}
+    return Start(model.restarted(moved, np.array([[1e-6, 2e-7], [2e-7, 4e-6]])), prior, moved)
 
 
 def test_a_result_that_was_not_refined_starts_where_the_map_has_the_engine(model, prior, known):
     start = search_start(model, known, None, [log("2")])
     assert start.model.constants.constants.V_d == pytest.approx(1.001 * model.constants.constants.V_d)
-    np.testing.assert_array_equal(start.model.covariance, known.covariance)
+    np.testing.assert_array_equal(start.model.covariance, [[1e-6, 2e-7], [2e-7, 4e-6]])
     assert start.prior is prior
     assert start.total({"V_d": 0.003})["V_d"] == pytest.approx(1.001 * 1.003 - 1.0)
 
@@ -113,7 +114,7 @@ def test_a_stored_map_and_its_engine_are_conditional_on_what_the_model_takes_as_
     assert known.constants == pytest.approx({"V_d": mean[2], "c_vol3": mean[3]}, rel=1e-9)
     width = LEAST_LEFT * np.array([0.01, 0.02]) / np.sqrt(3.0)
     relative = covariance[2:, 2:] / np.outer(1.0 + mean[2:], 1.0 + mean[2:])
-    np.testing.assert_allclose(known.covariance, relative + np.diag(width**2), rtol=1e-9)
+    np.testing.assert_allclose(known.model.covariance, relative + np.diag(width**2), rtol=1e-9)
     S_kept = known.prior.sensitivity
     np.testing.assert_allclose(S_kept @ covariance[2:, 2:], covariance[:2, 2:], rtol=1e-6, atol=1e-12)
     left = covariance[:2, :2] - S_kept @ covariance[2:, 2:] @ S_kept.T + LIKENESS**2 * np.eye(2)

@@ -145,8 +145,7 @@ def read(path: Path) -> None:
     from lpvobs.io.logs.policies import LogPolicies
     from lpvobs.io.logs.reading import read_log, read_references
     from lpvobs.io.results.gains import read_gain
-    from lpvobs.report.content import load
-    from lpvobs.report.reported import report_output
+    from lpvobs.report.content import load, report_output
 
     if path.suffix in (".csv", ".mat", ".mdf", ".mf4"):
         read_foreign(path)

@@ -10,6 +10,7 @@ from typing import Annotated
 
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 
 from lpvobs.engines.base import AirPath
 from lpvobs.engines.curves import Knowledge, LearnedCurve, LearnedNumber, Nodes
@@ -147,13 +148,13 @@ class StoredEngine:
         """Return the values of every correction, shape (size,) each."""
         return {name: self.unknowns.mean[own] for name, own in self.unknowns.places().items()}
 
-    def determined(self) -> dict[str, bool]:
-        """Return by constant whether the data say more of it than was known before: less than half of the spread is left."""
-        told = self.error < DETERMINED * self.prior_error
-        return dict(zip(self.unknowns.constants, told.tolist(), strict=False))
+    @property
+    def determined(self) -> NDArray[np.bool_]:
+        """Whether the data say more of an unknown than was known before: less than half of the spread is left; shape (q,)."""
+        return np.asarray(self.error < DETERMINED * self.prior_error)
 
 
-DETERMINED = 0.5  # share of the prior standard deviation below which the data have determined a constant
+DETERMINED = 0.5  # share of the prior standard deviation below which the data have determined an unknown
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,13 +1,14 @@
-"""The observer gain and its proof: `lpvobs synth-gain`, `lpvobs verify`."""
+"""What is proven: the observer gain by `lpvobs synth-gain` and `lpvobs verify`, the installation by `lpvobs selftest`."""
 
 from pathlib import Path
 
+import typer
+
 import lpvobs
-from lpvobs.cli.common import chosen_config, guarded, print_json, progress, table
+from lpvobs.cli.common import chosen_config, print_json, progress, say, table
 from lpvobs.cli.options import CONFIG, JSON, argument, needed, option
 
 
-@guarded
 def synth_gain(
     out: Path = needed("GAIN.h5", "The gain file to write."),
     logs: list[Path] | None = argument(
@@ -61,7 +62,6 @@ def synth_gain(
         print("\nproven bounds of the observer's state error:\n" + table(*state_bound_table(stored)))
 
 
-@guarded
 def verify(
     gain: Path = argument("GAIN.h5", "An observer gain made by synth-gain."),
     config: Path | None = option(
@@ -97,3 +97,35 @@ def verify(
         print(f"gain made for {stored.made_for()}")
         if stored.gain.bound is not None:
             print("proven bounds of the observer's state error:\n" + table(*state_bound_table(stored)))
+
+
+VERDICTS = {True: "pass", False: "FAIL"}
+
+
+def selftest(as_json: bool = JSON) -> None:
+    """Test the installed package on cases whose answers are known, for users who must qualify their tools.
+
+    The command needs no files and leaves none. Exit code 1 if an answer is wrong.
+
+    Example: lpvobs selftest
+    """
+    from lpvobs.errors import NotProven
+    from lpvobs.selftest.cases import SelftestOutput, run_cases
+
+    with progress("testing") as report:
+        rows, versions = run_cases(report)
+    failed = [row for row in rows if not row.passed]
+    if as_json:
+        print_json("selftest", SelftestOutput(passed=not failed, cases=rows, versions=versions))
+    else:
+        lines = []
+        for row in rows:
+            numbers = [f"{number:.6g}" for number in (row.expected, row.found, row.tolerance)]
+            lines.append([row.case, *numbers, row.unit, VERDICTS[row.passed]])
+        print(table(["case", "expected", "found", "tolerance", "unit", ""], lines))
+        say(", ".join(f"{name} {number}" for name, number in versions.items()))
+        for row in failed:
+            say(f"{row.case}: {row.note or 'the answer is wrong'}")
+        say(f"{len(rows) - len(failed)} of {len(rows)} cases passed")
+    if failed:
+        raise typer.Exit(NotProven.exit_code)
