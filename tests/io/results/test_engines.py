@@ -45,7 +45,7 @@ def test_what_is_left_at_the_nodes_comes_back(stored, air_path, grid, tmp_path):
 def test_the_covariance_is_one_and_smaller_than_before(stored):
     assert np.linalg.eigvalsh(stored.unknowns.covariance).min() > -1e-12
     assert (stored.error <= stored.prior_error * (1.0 + 1e-9)).all()
-    assert stored.determined()["R_c"]
+    assert stored.determined[stored.unknowns.names.index("R_c")]
 
 
 def test_corrections_lie_over_their_own_axes(other_engine, stored):
