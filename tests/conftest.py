@@ -119,10 +119,11 @@ class Chain:
     """One pass through the chain at 20 Hz. Every room's tests share the files: copy what is to be changed."""
 
     folder: Path
+    name: str = "ftp75_cold"
 
     @property
     def log(self) -> Path:
-        return self.folder / "ftp75_cold.parquet"
+        return self.folder / f"{self.name}.parquet"
 
     @property
     def gain(self) -> Path:
@@ -132,6 +133,11 @@ class Chain:
     def result(self) -> Path:
         return self.folder / "result.h5"
 
+    @property
+    def said(self) -> dict:
+        """What `estimate --json` said of the result."""
+        return json.loads((self.folder / "estimate.json").read_text(encoding="utf-8"))
+
 
 @pytest.fixture(scope="session")
 def chain(once) -> Chain:
@@ -140,11 +146,13 @@ def chain(once) -> Chain:
         for step in (
             ("simulate", "--config", DIESEL, "--cycle", "ftp75_cold", "--rate", 20, "--seed", 3, "--out", new.log),
             ("synth-gain", "--config", DIESEL, new.log, "--out", new.gain),
-            ("estimate", "--config", DIESEL, "--gain", new.gain, new.log, "--out", new.result),
+            ("estimate", "--config", DIESEL, "--gain", new.gain, new.log, "--out", new.result, "--json"),
             ("extrapolate", new.result),
         ):
             done = verbs.lpvobs(*step)
             assert done.code == 0, f"{step}: {done.err}"
+            if step[0] == "estimate":
+                (folder / "estimate.json").write_text(done.out, encoding="utf-8")
 
     return Chain(once("chain", make))
 
@@ -153,6 +161,30 @@ def chain(once) -> Chain:
 def table(chain):
     """Return the log of the chain as a table of Arrow's."""
     return pq.read_table(chain.log)
+
+
+@pytest.fixture(scope="session")
+def page(once, chain) -> Path:
+    """Return the page of the chain's result and its log."""
+
+    def make(folder: Path) -> None:
+        done = verbs.lpvobs("report", chain.result, chain.log, "--html", folder / "page.html")
+        assert done.code == 0, done.err
+
+    return once("page", make) / "page.html"
+
+
+@pytest.fixture(scope="session")
+def bare(once, chain, table) -> Chain:
+    """Return the chain's log without the truth, which real logs have not, and its map by the same gain."""
+
+    def make(folder: Path) -> None:
+        new = Chain(folder, "bare")
+        pq.write_table(table.drop_columns(["ref_W_c", "ref_delta_W_c"]), new.log)
+        done = verbs.lpvobs("estimate", "--config", DIESEL, "--gain", chain.gain, new.log, "--out", new.result)
+        assert done.code == 0, done.err
+
+    return Chain(once("bare", make), "bare")
 
 
 @pytest.fixture(scope="session")

@@ -17,7 +17,8 @@ from repository import ROOT
 PATIENCE = 300.0
 """[s]; no call of the tests takes a tenth of it."""
 LIBRARIES = (
-    "numba", "h5py", "pyarrow.parquet", "cvxpy", "clarabel", "jinja2", "matplotlib.backends.backend_svg", "scipy.stats"
+    "numba", "h5py", "pyarrow.parquet", "cvxpy", "clarabel", "jinja2", "matplotlib.backends.backend_svg", "scipy.signal",
+    "scipy.stats",
 )  # fmt: skip
 """What the package imports late."""
 PACKAGE = tuple(
@@ -44,7 +45,7 @@ class Done:
 def lpvobs(*arguments, cwd=None) -> Done:
     """Run a command line to its end."""
     context = get_context("forkserver")
-    context.set_forkserver_preload([*LIBRARIES, *PACKAGE])
+    context.set_forkserver_preload([*LIBRARIES, *PACKAGE, "tests.warm"])
     with TemporaryDirectory() as name:
         streams = [Path(name) / stream for stream in ("out", "err")]
         process = context.Process(target=_called, args=([str(one) for one in arguments], cwd, *map(str, streams)))

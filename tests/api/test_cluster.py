@@ -24,7 +24,7 @@ from lpvobs.io.logs.parquet import write_log
 from lpvobs.observer.parts import StateGain
 from lpvobs.simulation.simulate import simulate
 
-LOGS = 8
+LOGS = 6
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +41,7 @@ def logs(setting, tmp_path_factory):
     drive = simulate(config.engine, config.simulation, "ftp75_cold", 100.0, 1)
     folder = tmp_path_factory.mktemp("logs")
     N = drive.channels["time"].size
-    step = N // (LOGS + 1)
+    step = N // 9
     for number in range(LOGS):
         part = slice(number * step, (number + 2) * step)
         channels = {name: drive.channels[name][part] for name in ("time", *Diesel.channels)}
@@ -189,7 +189,7 @@ def test_a_worker_that_is_killed_half_way_changes_no_bit(setting, logs, alone, c
 
     def progress(fraction):
         seen.append(fraction)
-        if len(seen) == 2:  # two of eight logs are done, the others wait or are being worked on
+        if len(seen) == 2:  # two of six logs are done, the others wait or are being worked on
             workers[0].kill()
 
     found = estimated(setting, logs, tmp_path / "r.h5", jobs.Workers(scheduler=address), progress)

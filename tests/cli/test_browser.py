@@ -66,15 +66,6 @@ pytestmark = pytest.mark.skipif(
 
 
 @pytest.fixture(scope="session")
-def page(lpvobs, chain, tmp_path_factory):
-    """Return the page of a result and its log."""
-    path = tmp_path_factory.mktemp("browser") / "report.html"
-    done = lpvobs("report", chain.result, chain.log, "--html", path)
-    assert done.code == 0, done.err
-    return path
-
-
-@pytest.fixture(scope="session")
 def opened(page, tmp_path_factory):
     """Return what a browser shows of the page, asked for by a script that is added for the purpose, and what it complains of."""
 

@@ -21,7 +21,7 @@ from lpvobs.io.configuration.config import load_config
 from lpvobs.io.results.gains import read_gain
 from lpvobs.io.results.parts import PartsFolder, StoredPart, run_key
 
-LOGS = 6
+LOGS = 4
 
 
 @pytest.fixture(scope="session")

@@ -29,17 +29,15 @@ def test_gates(lpvobs, chain, gate, code):
     assert lpvobs("report", chain.result, "--gate", gate).code == code
 
 
-def test_a_gate_on_what_a_log_cannot_have(lpvobs, config, chain, table, tmp_path):
-    bare, out = tmp_path / "bare.parquet", tmp_path / "bare.h5"
-    pq.write_table(table.drop_columns(["ref_W_c", "ref_delta_W_c"]), bare)
-    assert lpvobs("estimate", "--config", config, "--gain", chain.gain, bare, "--out", out).code == 0
-    assert lpvobs("report", out, "--gate", "mean_relative_error<=1").code == 3
+def test_a_gate_on_what_a_log_cannot_have(lpvobs, bare, tmp_path):
+    assert lpvobs("report", bare.result, "--gate", "mean_relative_error<=1").code == 3
     page = tmp_path / "bare.html"
-    done = lpvobs("report", out, bare, "--html", page)
+    done = lpvobs("report", bare.result, bare.log, "--html", page)
     assert done.code == 0
     assert "rmse" not in done.out  # no column where no log has a value
     text = page.read_text()
     assert "no reference channels" in text
+    assert "How well does the model predict the reading?" in text
     assert re.search(
         r"the sensor reads [\d.]+ % low, -[\d.]+ g/s on average \(90 %: .*; the air flow balances agree", text
     )
@@ -66,7 +64,7 @@ def test_a_gate_on_what_a_log_cannot_have(lpvobs, config, chain, table, tmp_path
 
 def test_the_ingest_record_stands_on_the_page(lpvobs, config, chain, tmp_path):
     csv, profile, log, out = (tmp_path / name for name in ("drive.csv", "mine.toml", "road.parquet", "road.h5"))
-    table = pq.read_table(chain.log)
+    table = pq.read_table(chain.log).slice(0, 2000)
     named = [f"{f.name} [{f.metadata[b'unit'].decode()}]" for f in table.schema]
     pacsv.write_csv(table.rename_columns(named), csv)
     assert lpvobs("profile", csv, "--out", profile).code == 0
@@ -78,13 +76,12 @@ def test_the_ingest_record_stands_on_the_page(lpvobs, config, chain, tmp_path):
     assert "drive.csv (sha256" in text
 
 
-def test_one_page_that_needs_nothing_else(lpvobs, chain, tmp_path):
-    pages = [tmp_path / "a.html", tmp_path / "b.html"]
-    for page in pages:
-        done = lpvobs("report", chain.result, chain.log, "--html", page)
-        assert done.code == 0, done.err
-    text = pages[0].read_text()
-    assert text == pages[1].read_text()
+def test_one_page_that_needs_nothing_else(lpvobs, chain, page, tmp_path):
+    again = tmp_path / "again.html"
+    done = lpvobs("report", chain.result, chain.log, "--html", again)
+    assert done.code == 0, done.err
+    text = page.read_text()
+    assert text == again.read_text()
     assert len(text) < 2_000_000
     assert not re.search(
         r"""(src|href)\s*=\s*["']?(https?:)?//|url\(\s*["']?(https?:)?//|<script[^>]*src|fetch\(|import\(""", text

@@ -24,15 +24,14 @@ def estimated(lpvobs, config, chain, table, tmp_path):
     return run
 
 
-def test_nothing_is_said_of_a_right_engine(estimated, tmp_path):
-    done = estimated()
-    assert done.code == 0, done.err
-    assert done.json["doubts"] == []
-    assert done.json["balance_agreement"]["ratio"] < 1.5
-    assert done.json["balance_agreement"]["p_value"] > 0.01
-    assert done.json["logs"][0]["balance_ratio"] == done.json["balance_agreement"]["ratio"]
-    with h5py.File(tmp_path / "map.h5") as file:
-        assert file["balance_agreement"].attrs["ratio"] == done.json["balance_agreement"]["ratio"]
+def test_nothing_is_said_of_a_right_engine(chain):
+    said = chain.said
+    assert said["doubts"] == []
+    assert said["balance_agreement"]["ratio"] < 1.5
+    assert said["balance_agreement"]["p_value"] > 0.01
+    assert said["logs"][0]["balance_ratio"] == said["balance_agreement"]["ratio"]
+    with h5py.File(chain.result) as file:
+        assert file["balance_agreement"].attrs["ratio"] == said["balance_agreement"]["ratio"]
         assert file["balance_agreement"].attrs["doubts"] == ""
 
 

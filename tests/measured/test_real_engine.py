@@ -43,6 +43,7 @@ def test_the_balances_hold_on_parts_that_taught_nothing(folder):
     assert ambient < 0.005
 
 
+@pytest.mark.slow
 def test_nothing_is_found_on_the_healthy_log_by_parts(traced):
     assert traced("wltp_NF").verdict == "none"
 

@@ -83,7 +83,7 @@ def part(log, kept):
 @pytest.fixture(scope="module")
 def uneven(engine):
     """Return a drive of three segments at about 100 Hz: its clock trembles, samples are missing, the last segment has but two."""
-    log = drives.integrated(engine, 5, legs=3, seconds=8.0)[0]
+    log = drives.integrated(engine, 5, legs=3, seconds=8.0, substeps=4)[0]
     rng = np.random.default_rng(1)
     channels = log.channels | {"W_maf": 1.1 * log["W_maf"]}
     log = replace(log, time=log.time + rng.uniform(-2e-3, 2e-3, log.time.size), channels=channels)
