@@ -187,6 +187,58 @@ def bare(once, chain, table) -> Chain:
     return Chain(once("bare", make), "bare")
 
 
+PIECES = 4
+
+
+@pytest.fixture(scope="session")
+def pieces(once, table) -> Path:
+    """Return a folder with the chain's log in pieces that overlap by half: different logs of one map."""
+
+    def make(folder: Path) -> None:
+        length = 2 * table.num_rows // (PIECES + 1)
+        for number in range(PIECES):
+            pq.write_table(table.slice(number * length // 2, length), folder / f"drive {number}.parquet")
+
+    return once("pieces", make)
+
+
+def _kept(folder: Path, *call: str | Path | int) -> None:
+    """Run a command line and write what it said into a folder."""
+    done = verbs.lpvobs(*call)
+    (folder / "said.json").write_text(json.dumps([done.code, done.out, done.err]), encoding="utf-8")
+
+
+def _told(folder: Path) -> verbs.Done:
+    return verbs.Done(*json.loads((folder / "said.json").read_text(encoding="utf-8")))
+
+
+@pytest.fixture(scope="session")
+def together(once, chain, pieces) -> tuple[Path, verbs.Done]:
+    """Return the map of the pieces, made one after the other, and what was said."""
+
+    def make(folder: Path) -> None:
+        call = ("estimate", "--config", DIESEL, "--gain", chain.gain, pieces, "--jobs", 1)
+        _kept(folder, *call, "--out", folder / "r.h5", "--json")
+
+    folder = once("together", make)
+    done = _told(folder)
+    assert done.code == 0, done.err
+    return folder / "r.h5", done
+
+
+@pytest.fixture(scope="session")
+def with_a_bad_one(once, chain, pieces) -> tuple[Path, Path, verbs.Done]:
+    """Return the map of the pieces and a log that is none, made side by side, the one that is none, and what was said."""
+
+    def make(folder: Path) -> None:
+        (folder / "bad.parquet").write_bytes(b"PAR1")
+        call = ("estimate", "--config", DIESEL, "--gain", chain.gain, pieces, folder / "bad.parquet", "--jobs", 2)
+        _kept(folder, *call, "--out", folder / "r.h5", "--json")
+
+    folder = once("with_a_bad_one", make)
+    return folder / "r.h5", folder / "bad.parquet", _told(folder)
+
+
 @pytest.fixture(scope="session")
 def slow(once) -> Path:
     """Return the chain's drive, with the same noise, of a sensor that follows the flow with a lag of 0.1 s."""
@@ -224,12 +276,10 @@ def traced(once, chain, slow) -> tuple[Path, Path, verbs.Done]:
         result, bad = folder / "result.h5", folder / "bad.parquet"
         shutil.copy(chain.result, result)
         bad.write_bytes(slow.read_bytes()[:5000])
-        done = verbs.lpvobs("trace", result, bad, slow, "--json")
-        (folder / "said.json").write_text(json.dumps([done.code, done.out, done.err]), encoding="utf-8")
+        _kept(folder, "trace", result, bad, slow, "--json")
 
     folder = once("traced", make)
-    said = json.loads((folder / "said.json").read_text(encoding="utf-8"))
-    return folder / "result.h5", folder / "bad.parquet", verbs.Done(*said)
+    return folder / "result.h5", folder / "bad.parquet", _told(folder)
 
 
 @pytest.fixture(scope="session")

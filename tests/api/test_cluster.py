@@ -66,7 +66,7 @@ def followed(chain):
 
     def run(logs, out, progress=None, **workplace):
         _, found = lpvobs.track(DIESEL, logs, out=out, gain=chain.gain, progress=progress, **workplace)
-        assert (found.new, found.refused, list(out.parent.glob("*.parts"))) == (LOGS, (), [])
+        assert (found.new, found.refused, list(out.parent.glob("*.parts"))) == (len(logs), (), [])
         return contents(out)
 
     return run
@@ -115,6 +115,7 @@ def test_a_worker_that_dies_is_said_in_one_line():
     assert "\n" not in str(failure.value)
 
 
+@pytest.mark.slow
 def test_processes_give_the_map_of_one_process(setting, logs, alone, tmp_path):
     same(estimated(setting, logs, tmp_path / "r.h5", jobs.Workers(2)), alone)
 
@@ -124,10 +125,13 @@ def test_processes_give_the_fleet_of_one_process(followed, logs, fleet, tmp_path
     assert followed(logs[::-1], tmp_path / "f.h5", jobs=2) == fleet
 
 
-def test_who_finishes_last_changes_no_bit_of_a_fleet(followed, logs, fleet, tmp_path, monkeypatch):
+def test_who_finishes_last_changes_no_bit_of_a_fleet(followed, logs, tmp_path, monkeypatch):
+    """Nor does the order in which the logs are named."""
+    (tmp_path / "in order").mkdir()
+    in_order = followed(logs[:3], tmp_path / "in order" / "f.h5", jobs=1)
     backwards = lambda _, function, tasks: list(enumerate(map(function, tasks)))[::-1]  # noqa: E731
     monkeypatch.setattr(jobs.Workers, "finished", backwards)
-    assert followed(logs, tmp_path / "f.h5", jobs=1) == fleet
+    assert followed([logs[2], logs[0], logs[1]], tmp_path / "f.h5", jobs=1) == in_order
 
 
 @pytest.mark.slow

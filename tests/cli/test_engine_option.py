@@ -88,16 +88,21 @@ def test_a_map_that_is_made_anew_starts_with_the_calibration(stored):
     assert start.total(dict.fromkeys(model.names, 0.0))["V_d"] == pytest.approx(deviation["V_d"])
 
 
-def test_trace_and_refine_take_an_engine(lpvobs, other_engine, chain, result, tmp_path):
+@pytest.mark.slow
+def test_refine_takes_an_engine(lpvobs, other_engine, chain, tmp_path):
     plain = tmp_path / "plain.h5"
     call = ("estimate", "--config", DIESEL, "--gain", chain.gain, other_engine.healthy, "--out", plain)
     assert lpvobs(*call).code == 0
-    refused = lpvobs("trace", plain, other_engine.drive, "--engine", other_engine.known)
-    assert (refused.code, "was not estimated with" in refused.err) == (2, True)
     engine = ("--engine", other_engine.known)
     free = lpvobs("refine", plain, other_engine.healthy, *engine, "--out", tmp_path / "refined.h5", "--json")
     assert free.code == 0, free.err
     assert not free.json["map_frozen"]
+
+
+def test_trace_takes_an_engine(lpvobs, other_engine, chain, result, tmp_path):
+    engine = ("--engine", other_engine.known)
+    refused = lpvobs("trace", chain.result, other_engine.drive, *engine)
+    assert (refused.code, "was not estimated with" in refused.err) == (2, True)
     copy = shutil.copy(result, tmp_path / "map.h5")
     stands = lpvobs("trace", copy, other_engine.healthy, *engine, "--json")
     assert stands.code == 0, stands.err

@@ -25,13 +25,9 @@ LOGS = 4
 
 
 @pytest.fixture(scope="session")
-def fleet(chain, table, tmp_path_factory):
-    """Return a folder with the chain's log in pieces that overlap by half: different logs of one map."""
-    folder = tmp_path_factory.mktemp("fleet")
-    length = 2 * table.num_rows // (LOGS + 1)
-    for number in range(LOGS):
-        pq.write_table(table.slice(number * length // 2, length), folder / f"drive {number}.parquet")
-    return folder
+def fleet(pieces):
+    assert len(list(pieces.iterdir())) == LOGS
+    return pieces
 
 
 @pytest.fixture(scope="session")
@@ -42,24 +38,16 @@ def estimate(lpvobs, config, chain):
     return run
 
 
-@pytest.fixture(scope="session")
-def together(estimate, fleet, tmp_path_factory):
-    """Return the result of the fleet, one log after the other."""
-    out = tmp_path_factory.mktemp("together") / "r.h5"
-    done = estimate(fleet, "--jobs", 1, "--out", out, "--json")
-    assert done.code == 0, done.err
-    return out, done.json
-
-
-def test_a_folder_is_its_logs_and_says_which_agree(together, fleet):
-    out, shown = together
+def test_a_folder_is_its_logs_and_says_which_agree(together):
+    out, done = together
+    shown = done.json
     assert [log["log"] for log in shown["logs"]] == [f"drive {number}" for number in range(LOGS)]
     assert [log["name"] for log in shown["agreement"]] == [f"drive {number}" for number in range(LOGS)]
     assert not any(log["disagrees"] for log in shown["agreement"])
     with h5py.File(out) as file:
         assert file["agreement/log"].size == LOGS
         assert {"nodes", "chi_square", "mean_difference", "deviation", "disagrees", "scatter"} < set(file["agreement"])
-    assert list(out.parent.iterdir()) == [out]  # the parts are gone
+    assert sorted(path.name for path in out.parent.iterdir()) == ["r.h5", "said.json"]  # the parts are gone
 
 
 @pytest.mark.parametrize("jobs", [pytest.param(jobs, marks=pytest.mark.slow) for jobs in (2, 3)])
@@ -74,10 +62,8 @@ def test_neither_the_jobs_nor_the_order_of_the_logs_change_a_byte(estimate, flee
     assert first == second
 
 
-def test_a_bad_log_among_many_is_named_and_the_rest_go_on(estimate, fleet, together, tmp_path):
-    bad, out = tmp_path / "bad.parquet", tmp_path / "r.h5"
-    bad.write_bytes(b"PAR1")
-    done = estimate(fleet, bad, "--jobs", 2, "--out", out, "--json")
+def test_a_bad_log_among_many_is_named_and_the_rest_go_on(with_a_bad_one, together):
+    out, bad, done = with_a_bad_one
     assert done.code == 3
     assert len(done.json["refused"]) == 1
     assert str(bad) in done.json["refused"][0]
@@ -85,10 +71,8 @@ def test_a_bad_log_among_many_is_named_and_the_rest_go_on(estimate, fleet, toget
         np.testing.assert_array_equal(file["map/delta_W_c"], whole["map/delta_W_c"])
 
 
-def test_a_log_that_was_left_out_is_in_every_artefact(estimate, lpvobs, fleet, tmp_path):
-    bad, out = tmp_path / "bad.parquet", tmp_path / "r.h5"
-    bad.write_bytes(b"PAR1")
-    assert estimate(fleet / "drive 0.parquet", bad, "--out", out).code == 3
+def test_a_log_that_was_left_out_is_in_every_artefact(lpvobs, with_a_bad_one, tmp_path):
+    out, bad, _ = with_a_bad_one
     page, suite = tmp_path / "r.html", tmp_path / "gates.xml"
     done = lpvobs("report", out, "--html", page, "--junit", suite, "--gate", "samples>=1", "--json")
     assert done.code == 3
@@ -96,7 +80,7 @@ def test_a_log_that_was_left_out_is_in_every_artefact(estimate, lpvobs, fleet, t
     assert str(bad) in done.err
     assert str(bad) in page.read_text(encoding="utf-8")
     root = ElementTree.fromstring(suite.read_bytes())
-    assert (root.get("tests"), root.get("failures"), root.get("errors")) == ("2", "0", "1")
+    assert (root.get("tests"), root.get("failures"), root.get("errors")) == (str(LOGS + 1), "0", "1")
 
 
 @pytest.mark.slow

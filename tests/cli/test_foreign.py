@@ -152,6 +152,15 @@ def test_mdf_to_dcm_loses_nothing_but_the_stated_rounding(chain, travelled):
     np.testing.assert_allclose(values, filled.T, rtol=0.5e-8)
 
 
+def test_the_ingest_record_stands_on_the_page(lpvobs, travelled, tmp_path):
+    page = tmp_path / "page.html"
+    done = lpvobs("report", travelled / "result.h5", travelled / "ftp75_cold.parquet", "--html", page)
+    assert done.code == 0, done.err
+    text = page.read_text(encoding="utf-8")
+    assert "How ingest made each channel of the log" in text
+    assert "drive.mf4 (sha256" in text
+
+
 def test_export_lists_what_changes(lpvobs, chain, tmp_path):
     old, new = tmp_path / "old.dcm", tmp_path / "new.dcm"
     assert lpvobs("export", chain.result, "--format", "dcm", "--out", old, "--digits", 3, "--widest", 1e9).code == 0

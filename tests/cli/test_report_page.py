@@ -4,8 +4,6 @@ import os
 import re
 import subprocess
 
-import pyarrow.csv as pacsv
-import pyarrow.parquet as pq
 import pytest
 from verbs import AFRESH
 
@@ -60,20 +58,6 @@ def test_a_gate_on_what_a_log_cannot_have(lpvobs, bare, tmp_path):
         assert of_the_paper not in told
     read = re.sub(r"<(script|style|svg).*?</\1>|<[^>]*>", " ", told, flags=re.DOTALL)
     assert not re.search(r"[-−]0(\.0+)?(?![\d.])", read)
-
-
-def test_the_ingest_record_stands_on_the_page(lpvobs, config, chain, tmp_path):
-    csv, profile, log, out = (tmp_path / name for name in ("drive.csv", "mine.toml", "road.parquet", "road.h5"))
-    table = pq.read_table(chain.log).slice(0, 2000)
-    named = [f"{f.name} [{f.metadata[b'unit'].decode()}]" for f in table.schema]
-    pacsv.write_csv(table.rename_columns(named), csv)
-    assert lpvobs("profile", csv, "--out", profile).code == 0
-    assert lpvobs("ingest", csv, "--profile", profile, "--out", log).code == 0
-    assert lpvobs("estimate", "--config", config, "--gain", chain.gain, log, "--out", out).code == 0
-    assert lpvobs("report", out, log, "--html", tmp_path / "page.html").code == 0
-    text = (tmp_path / "page.html").read_text(encoding="utf-8")
-    assert "How ingest made each channel of the log" in text
-    assert "drive.csv (sha256" in text
 
 
 def test_one_page_that_needs_nothing_else(lpvobs, chain, page, tmp_path):

@@ -83,6 +83,7 @@ def test_the_table_has_a_row_for_each_vehicle_period_and_node(whole):
     assert set(table["period"].to_pylist()) == {f"2025-0{m}" for m in range(1, 5)}
 
 
+@pytest.mark.slow  # quick where the fleet is small: tests/api/test_cluster.py
 def test_the_order_of_the_logs_does_not_matter_to_a_bit(whole, fleet, track, tmp_path):
     done = track(
         tmp_path / "fleet.h5", sorted(fleet.rglob("*.parquet"), key=lambda path: path.name[::-1], reverse=True)
@@ -147,10 +148,10 @@ def test_of_a_log_that_cannot_be_read_this_is_said(lpvobs, config, chain, tmp_pa
 def test_a_bad_log_is_left_out_and_said(whole, fleet, track, tmp_path):
     (tmp_path / "c").mkdir()
     (tmp_path / "c" / "2025-01.parquet").write_bytes(b"PAR1 and nothing more")
-    done = track(tmp_path / "fleet.h5", [fleet / "a", tmp_path / "c"], "--json")
+    done = track(tmp_path / "fleet.h5", [fleet / "a" / "2025-01.parquet", tmp_path / "c"], "--json")
     assert done.code == 3
     content = json.loads(done.out)
-    assert content["logs"] == 4
+    assert content["logs"] == 1
     assert "2025-01.parquet" in content["refused"][0]
 
 

@@ -293,9 +293,16 @@ def test_a_log_without_two_neighbouring_samples_is_refused(air_path, grid, gain,
     assert "\n" not in str(refusal.value)
 
 
-@pytest.mark.parametrize("tolerance", [{}, {"V_d": 0.01}])
-@pytest.mark.parametrize("N", [2, 5, 150])
-def test_a_log_of_one_short_visit_is_no_fault_of_the_program(air_path, grid, gain, drive, tolerance, N):
+@pytest.mark.parametrize(
+    ("N", "tolerance"),
+    [
+        (2, {}),
+        (2, {"V_d": 0.01}),
+        (150, {"V_d": 0.01}),
+        *(pytest.param(*case, marks=pytest.mark.slow) for case in ((5, {}), (5, {"V_d": 0.01}), (150, {}))),
+    ],
+)
+def test_a_log_of_one_short_visit_is_no_fault_of_the_program(air_path, grid, gain, drive, N, tolerance):
     """One stay in one cell: one residual integral, from which no covariance of two balances can be told."""
     k = np.arange(N)
     channels = {name: np.full(N, float(np.median(column))) for name, column in drive[0].channels.items()}

@@ -101,16 +101,28 @@ def drives():
     return [driven(seed, f"{seed:064x}") for seed in range(4)]
 
 
-@given(order=st.permutations(range(4)))
-@settings(max_examples=6)
-def test_the_order_of_logs_changes_no_byte(config, air_path, grid, drives, order):
+@pytest.fixture(scope="module")
+def told_by(config, air_path, grid):
+    """Return a function from logs to the bytes of their map."""
+
     def result(logs):
         found = estimate_default(air_path, grid, GAIN, logs, config.estimate)
         return [
             getattr(found, name).tobytes() for name in ("theta", "standard_error", "covariance", "noise", "supported")
         ]
 
-    assert result([drives[place] for place in order]) == result(drives)
+    return result
+
+
+@pytest.fixture(scope="module")
+def in_order(told_by, drives):
+    return told_by(drives)
+
+
+@given(order=st.permutations(range(4)).filter(lambda order: order != sorted(order)))
+@settings(max_examples=3)
+def test_the_order_of_logs_changes_no_byte(told_by, drives, in_order, order):
+    assert told_by([drives[place] for place in order]) == in_order
 
 
 @pytest.mark.slow
@@ -301,10 +313,8 @@ def test_the_lyapunov_function_never_rises_on_a_random_polytope_at_any_step(seed
 # --- NaN ---------------------------------------------------------------------------------------------------------------
 
 
-@given(seed=SEEDS)
-@settings(max_examples=12)
-def test_nan_never_enters_a_state(tmp_path_factory, air_path, grid, config, seed):
-    """Whatever is not a number in the file, in whichever channel: states, map and errors of what is supported are numbers."""
+def holed(folder, seed):
+    """Return a log in whose file, in whichever channel, something is not a number."""
     rng = np.random.default_rng(seed)
     columns = {name: column[:4000].copy() for name, column in moving().items()}
     for _ in range(rng.integers(1, 8)):
@@ -313,9 +323,15 @@ def test_nan_never_enters_a_state(tmp_path_factory, air_path, grid, config, seed
         columns[name][start : start + length] = rng.choice([np.nan, np.inf, -np.inf])
     units = {"time": "s"} | {name: channel.unit for name, channel in Diesel.channels.items()}
     fields = [pa.field(name, pa.float64(), metadata={"unit": units[name]}) for name in units]
-    path = tmp_path_factory.mktemp("nan") / "drive.parquet"
+    path = folder / "drive.parquet"
     pq.write_table(pa.table([pa.array(columns[name]) for name in units], schema=pa.schema(fields)), path)
-    log = read_log(path, Diesel.channels, LogPolicies())
+    return read_log(path, Diesel.channels, LogPolicies())
+
+
+@given(seed=SEEDS)
+@settings(max_examples=12)
+def test_nan_never_enters_a_state(tmp_path_factory, air_path, grid, seed):
+    log = holed(tmp_path_factory.mktemp("nan"), seed)
     assert all(np.isfinite(log[name]).all() for name in Diesel.channels)
     trajectory = air_path.trajectory(log, GAIN.outputs)
     for part in (trajectory.A, trajectory.E, trajectory.C, trajectory.y, trajectory.parameters):
@@ -325,6 +341,13 @@ def test_nan_never_enters_a_state(tmp_path_factory, air_path, grid, config, seed
     run = observe(trajectory, log.time, log.segments, point, grid, GAIN.L, 200.0, firsts, np.zeros(grid.size))
     assert np.isfinite(run.x).all()
     assert np.isfinite(run.theta).all()
+
+
+@given(seed=SEEDS)
+@settings(max_examples=4)
+def test_nan_never_enters_a_map(tmp_path_factory, air_path, grid, config, seed):
+    """Map and errors of what is supported are numbers."""
+    log = holed(tmp_path_factory.mktemp("nan"), seed)
     found = estimate_default(air_path, grid, GAIN, [log], config.estimate)
     assert np.isfinite(found.theta[found.supported]).all()
     assert np.isfinite(found.standard_error[found.supported]).all()

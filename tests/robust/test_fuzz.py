@@ -13,7 +13,8 @@ from lpvobs.simulation.cycles import load_cycle
     ("kind", "number"),
     [
         ("parquet bytes", 140), ("parquet content", 140), ("toml", 140), ("hdf5 bytes", 40), ("hdf5 content", 40),
-        ("csv", 130), ("mat", 3), ("mat hdf5", 2), ("mdf", 2),
+        ("csv", 130), ("mat hdf5", 2),
+        *(pytest.param(kind, number, marks=pytest.mark.slow) for kind, number in (("mat", 3), ("mdf", 2))),
     ],
 )  # fmt: skip
 def test_no_input_is_a_fault_of_the_program(samples, kind, number):
@@ -43,7 +44,14 @@ def test_the_good_files_of_the_corpus_are_good(samples, tmp_path):
         read(copy)
 
 
-@pytest.mark.parametrize("make", [foreign.csv_seeds, foreign.mat_seeds, foreign.hdf_seeds, foreign.mdf_seeds])
+@pytest.mark.parametrize(
+    "make",
+    [
+        foreign.csv_seeds,
+        foreign.hdf_seeds,
+        *(pytest.param(make, marks=pytest.mark.slow) for make in (foreign.mat_seeds, foreign.mdf_seeds)),
+    ],
+)
 def test_the_good_recordings_of_the_corpus_are_good(make, tmp_path):
     for seed in make():
         path = tmp_path / f"input{seed.suffix}"
