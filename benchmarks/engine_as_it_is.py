@@ -1,4 +1,4 @@
-"""Engines that are not the model: `python benchmarks/engine_as_it_is.py [constants|slow|structure|healthy] [DRAWS]`.
+"""Engines that are not the model: `python benchmarks/engine_as_it_is.py [constants|slow|structure|healthy] [DRAWS [SEED]]`.
 
 `constants`: the plant's constants are drawn, the estimator keeps the configured ones with their tolerance. `structure`: the plant
 has one form of `[simulation.structure]`, or all; the engine is calibrated from 100 points of its own bench, and the map estimated
@@ -63,30 +63,41 @@ class Judged:
     of_regions: float
 
 
-def main(what: str, draws: int) -> None:
+def main(what: str, draws: int, first: int) -> None:
     """Print and keep the table."""
+    seeds = range(first, first + draws)
     config = configuration()
     setting = Setting(config, config.grid(), state_gain(config))
     if what == "constants":
-        publish("drawn_constants", f"Drawn constants, {draws} draws a row", _constants(setting, draws), COMMAND)
+        publish(
+            "drawn_constants",
+            f"Drawn constants, {draws} draws a row, seeds from {first} on",
+            _constants(setting, seeds),
+            COMMAND,
+        )
     elif what == "slow":
-        publish("slow_logs", f"Twenty samples a second, {draws} draws a row", _constants(setting, draws, 5), COMMAND)
+        publish(
+            "slow_logs",
+            f"Twenty samples a second, {draws} draws a row, seeds from {first} on",
+            _constants(setting, seeds, 5),
+            COMMAND,
+        )
     elif what == "healthy":
         publish(
             "healthy_days",
-            f"Another structure, known from healthy days, {draws} engines",
-            _healthy(setting, draws),
+            f"Another structure, known from healthy days, {draws} engines, seeds from {first} on",
+            _healthy(setting, seeds),
             COMMAND,
         )
     else:
-        title = f"Another structure, {draws} engines a row, {MORE_ENGINES * draws} with all"
-        publish("structures", title, _structures(setting, draws), COMMAND)
+        title = f"Another structure, {draws} engines a row, {MORE_ENGINES * draws} with all, seeds from {first} on"
+        publish("structures", title, _structures(setting, seeds), COMMAND)
 
 
 COMMAND = "make as-it-is"
 
 
-def _constants(setting: Setting, draws: int, every: int = 1) -> str:
+def _constants(setting: Setting, seeds: range, every: int = 1) -> str:
     tolerance = setting.config.estimate.tolerance
     cases = {
         "within 1 %": (dict(tolerance), 1.0),
@@ -100,7 +111,7 @@ def _constants(setting: Setting, draws: int, every: int = 1) -> str:
         settings = replace(setting.config.estimate, tolerance=said)
         for cycle, title in CYCLES.items():
             found = []
-            for seed in range(FIRST_SEED, FIRST_SEED + draws):
+            for seed in seeds:
                 d = drive(setting.config, cycle, seed, None, drawn(setting.config.engine, within, seed)[0], every)
                 path = Diesel(setting.config.engine)
                 estimate = estimate_default(path, setting.grid, setting.gain, [d.log], settings)
@@ -166,7 +177,7 @@ def _regions(supported: Array) -> list[Array]:
     return found
 
 
-def _structures(setting: Setting, draws: int) -> str:
+def _structures(setting: Setting, seeds: range) -> str:
     structure = setting.config.simulation.structure  # type: ignore[union-attr]
     names = [item.name for item in fields(structure)]
     cases = {"none": (), **{name: (name,) for name in names}, "all": tuple(names)}
@@ -175,7 +186,7 @@ def _structures(setting: Setting, draws: int) -> str:
         simulation = replace(setting.config.simulation, structure=replace(structure, **dict.fromkeys(forms, 1.0)))
         config = replace(setting.config, simulation=simulation)
         tool, rival = [], []
-        for seed in range(FIRST_SEED, FIRST_SEED + draws * (MORE_ENGINES if case == "all" else 1)):
+        for seed in range(seeds.start, seeds.start + len(seeds) * (MORE_ENGINES if case == "all" else 1)):
             table = bench(config.engine, simulation, POINTS, seed)
             d = drive(config, "etc_part1", seed)
             estimate = on_calibrated(setting, table, d)
@@ -198,7 +209,7 @@ def _structures(setting: Setting, draws: int) -> str:
     return markdown(header, rows)
 
 
-def _healthy(setting: Setting, draws: int) -> str:
+def _healthy(setting: Setting, seeds: range) -> str:
     structure = setting.config.simulation.structure  # type: ignore[union-attr]
     forms = dict.fromkeys((item.name for item in fields(structure)), 1.0)
     simulation = replace(setting.config.simulation, structure=replace(structure, **forms))
@@ -206,7 +217,7 @@ def _healthy(setting: Setting, draws: int) -> str:
     path = Diesel(config.engine)
     start = Point(path, config.estimate.of_engine(path.usual_tolerance))
     found = []
-    for seed in range(FIRST_SEED, FIRST_SEED + draws):
+    for seed in seeds:
         right = ErrorSurface("zero")
         days = [
             drive(config, cycle, seed + 1000 * (1 + day), right).log for day, cycle in enumerate(("etc_part1", "nedc"))
@@ -261,4 +272,6 @@ def speed_density(setting: Setting, table: BenchTable, d: Drive) -> Array:
 
 if __name__ == "__main__":
     chosen = sys.argv[1] if len(sys.argv) > 1 else "constants"
-    main(chosen, int(sys.argv[2]) if len(sys.argv) > 2 else {"structure": 2}.get(chosen, 10))
+    usual = {"structure": 2}.get(chosen, 10)
+    given = [int(word) for word in sys.argv[2:]]
+    main(chosen, *given, *(usual, FIRST_SEED)[len(given) :])

@@ -18,10 +18,10 @@ NEXT_TO_NOTHING = 0.2  # share of the air flow that a connected sensor reads at 
 READS = 0.4
 """Share of the balances' flow that a sensor in the right unit reads at least, and the inverse is what it reads at most. On 30 right
 drives it was 0.52 to 1.06; g/s called kg/h make 0.28 of that."""
-SURE, OFF = 6.0, 0.1
-"""Standard deviations, and share of it, by which logs may ask for another volume. 7 right drives of 20 Hz asked for one off by 0.12
-at 3.7, or by 0.08 at 4.2, at most; with V_im 20 % off, 7 of FTP75 and ETC asked for 0.12 at 5.5 at least, six of them for 0.15 at
-9. NEDC hardly shows it, and its map hardly suffers."""
+SURE, OFF = 6.0, 0.15
+"""Standard deviations, and share of it, by which logs may ask for a volume beyond its tolerance. Of 50 right drives of 20 Hz, with
+V_im anywhere within its 15 %, one asked for a value 27 % smaller; a late channel looks like another volume. A V_im that is 20 % off
+moves the map by less than a tenth of its error."""
 
 
 @dataclass(frozen=True)
@@ -128,12 +128,13 @@ def _another_volume(volumes: Sequence[str], found: EngineFound | None) -> Iterab
             continue  # a volume that is known exactly
         gained = max(before - float(found.covariance[i, i]), 1e-9 * before)
         off, alone = moved * before / gained, before * float(found.covariance[i, i]) / gained
-        sure = abs(off) / np.sqrt(max(alone, 1e-18))
-        if sure > SURE and abs(off) > OFF:
+        tolerance = np.sqrt(3.0 * before)
+        beyond = abs(off) - tolerance
+        if beyond > max(OFF, SURE * np.sqrt(alone)):
             which = "larger" if off > 0.0 else "smaller"
             yield (
-                f"{name}: fast transients fit better with a value {100 * abs(off):.0f} % {which}; this difference is {sure:.0f} "
-                f"times what noise allows; check {name} in [engine]"
+                f"{name}: fast transients fit better with a value {100 * abs(off):.0f} % {which}, but its tolerance is "
+                f"{100 * tolerance:.0f} %; check {name} in [engine]"
             )
 
 

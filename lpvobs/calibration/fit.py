@@ -166,12 +166,15 @@ def taught(
         if moved is point:
             break
         point = moved
+    # A later map has a wide prior at its nodes. So has this one: then both hold the same share of what a balance repeats.
+    exactly = replace(unknowns, mean=found.mean, covariance=np.zeros_like(found.covariance), learned=True)
+    left_over = solve(layout, total, prior_of(grid, point.settings.prior_map, exactly, layout.balances))
     mean = found.mean.copy()
     mean[: len(unknowns.constants)] = list(found.deviation().values())
     before = start.unknowns
     return Taught(
         unknowns=replace(
-            before, mean=mean, covariance=found.covariance, learned=True, at_nodes=left_at_nodes(grid, solution)
+            before, mean=mean, covariance=found.covariance, learned=True, at_nodes=left_at_nodes(grid, left_over)
         ),
         prior_error=np.sqrt(np.diag(before.scaled(solution.amplitudes))),
         amplitudes=dict(zip(before.groups(), solution.amplitudes, strict=True)),
@@ -187,9 +190,5 @@ def mean_flow(layout: Columns, moments: Moments) -> float:
 
 
 def left_at_nodes(grid: Grid, solution: Solution) -> LeftAtNodes:
-    """Return the map of a solution as what the engine's formulas leave, apart from what goes with its unknowns."""
-    p, own = solution.layout.nodes, solution.engine
-    C = solution.covariance
-    response: Array = np.asarray(np.linalg.lstsq(C[own, own], C[own, :p], rcond=None)[0].T)
-    covariance = C[:p, :p] - response @ C[own, :p]
-    return LeftAtNodes(grid.fuel, grid.speed, solution.theta, response, 0.5 * (covariance + covariance.T))
+    """Return the map of a solution at known unknowns as what the engine's formulas leave, and how it goes with them."""
+    return LeftAtNodes(grid.fuel, grid.speed, solution.theta, -solution.response, solution.noise)
