@@ -163,7 +163,7 @@ def test_parts_of_another_configuration_are_not_taken(estimate, config, chain, f
     assert contents(out) == contents(together[0])
 
 
-@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGKILL])
+@pytest.mark.parametrize("sent", [pytest.param(signal.SIGINT, marks=pytest.mark.slow), signal.SIGKILL])
 def test_no_process_is_left_behind(config, chain, fleet, tmp_path, sent):
     out, parts = tmp_path / "r.h5", tmp_path / "r.h5.parts"
     call = ["estimate", "--config", config, "--gain", chain.gain, fleet, "--jobs", "2", "--out", out]

@@ -94,6 +94,7 @@ def test_the_order_of_the_logs_does_not_matter_to_a_bit(whole, fleet, track, tmp
     assert all(np.array_equal(again[name], before[name], equal_nan=before[name].dtype.kind == "f") for name in before)
 
 
+@pytest.mark.slow
 def test_a_month_more_is_added_without_the_old_logs(whole, fleet, track, tmp_path):
     out = tmp_path / "fleet.h5"
     assert track(out, [fleet / "?" / f"2025-0{m}.parquet" for m in range(1, 4)]).code == 0

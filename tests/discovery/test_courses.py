@@ -21,7 +21,9 @@ def limited(t, _):
     return 1.0 - np.exp(-np.maximum(t - 60.0, 0.0) / 30.0)
 
 
-@pytest.fixture(scope="module", params=[(growing, "ramp"), (limited, "saturating")])
+@pytest.fixture(
+    scope="module", params=[(growing, "ramp"), pytest.param((limited, "saturating"), marks=pytest.mark.slow)]
+)
 def case(request, plant, config, clean, misread):
     """Return a course, its name, the log that has it and what was found there."""
     truth, name = request.param

@@ -55,6 +55,7 @@ def test_a_lag_is_named_with_its_time_constant(closed, clean, misread):
     assert shown["error"]["ratio"] == pytest.approx(shown["error"]["after"] / shown["error"]["before"])
 
 
+@pytest.mark.slow
 def test_a_step_of_the_gain_has_its_onset(closed, clean, misread):
     found = closed(misread(clean, clean["W_maf"] * np.where(clean.time < 141.7, 1.0, 1.08)))
     (finding,) = found.trace.findings
@@ -110,6 +111,7 @@ def nominal(closed, clean, config):
     return nominal_map(theta * seen, covariance, none, np.diag(spread**2), 0.1)
 
 
+@pytest.mark.slow
 def test_against_a_nominal_map_a_constant_gain_is_an_effect(nominal, clean, misread, plant, config):
     found = refine(plant, config.grid(), nominal, [misread(clean, 1.08 * clean["W_maf"])])
     (finding,) = found.trace.findings

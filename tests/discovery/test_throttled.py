@@ -105,8 +105,8 @@ def test_the_log_that_taught_the_engine_is_judged_by_parts_it_was_not_learned_fr
 @pytest.mark.parametrize(
     ("name", "true", "width"),
     [
-        ("p_im.gain", 0.80, 0.02),
-        pytest.param("maf.gain", 1.10, 0.02, marks=pytest.mark.slow),  # quick below, where a channel is missing
+        pytest.param("p_im.gain", 0.80, 0.02, marks=pytest.mark.slow),  # quick below, where a channel is missing
+        pytest.param("maf.gain", 1.10, 0.02, marks=pytest.mark.slow),
         pytest.param("p_ic.gain", 0.92, 0.02, marks=pytest.mark.slow),
         pytest.param("p_im.offset", 6000.0, 900.0, marks=pytest.mark.slow),
         pytest.param("alpha_th.offset", 1.0, 0.15, marks=pytest.mark.slow),

@@ -135,7 +135,8 @@ def test_its_map_is_found_through_the_verbs(tmp_path, without):
     assert without == ("u_egr",) or seen.metrics.visited_cells > 5
 
 
-@pytest.mark.parametrize("further", ["lambda_e", pytest.param("u_egr", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("further", ["lambda_e", "u_egr"])
 def test_inspect_says_what_a_further_channel_would_add(tmp_path, further):
     """The log that has the channel is the measure. The stand-in promises a gain, and here no more than the channel gives."""
     rng, channels = np.random.default_rng(4), drive()
