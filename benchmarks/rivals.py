@@ -7,7 +7,7 @@ import numpy as np
 
 from lpvobs.engines.base import AirPath
 from lpvobs.maps.grid import Grid
-from lpvobs.observer.estimate import operating_point
+from lpvobs.observer.parts import operating_point
 from lpvobs.records import Array, Log
 
 SLOW = 2e-3

@@ -29,8 +29,8 @@ from lpvobs.io.logs.parquet import write_log
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import compare
 from lpvobs.observer import ekf
-from lpvobs.observer.estimate import Point, calmed, estimate_default, operating_point
-from lpvobs.observer.parts import inform
+from lpvobs.observer.estimate import Point, calmed, estimate_default
+from lpvobs.observer.parts import inform, operating_point
 from lpvobs.observer.recursion import observe
 from lpvobs.observer.rivals import estimate_batch, estimate_ekf
 from lpvobs.observer.settings import EstimateSettings
