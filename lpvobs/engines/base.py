@@ -67,6 +67,7 @@ class AirPath(Protocol):
     balance_names: ClassVar[tuple[str, ...]]  # those of `balances`
     components: ClassVar[tuple[Component, ...]] = ()  # corrections that parts of the engine may need
     measured_parts: ClassVar[tuple[MeasuredPart, ...]] = ()  # flows inside the engine that a bench may measure
+    steep: ClassVar[tuple[str, ...]] = ()  # constants in which the flows are far from linear
     volumes: ClassVar[tuple[str, ...]] = ()  # constants that the balances owe what they store to
     component_maps: ClassVar[Mapping[str, ComponentMap]] = {}  # tables of components that others have, by kind
     # inputs of the map: the fuel axis (p_1 nodes), then the speed axis (p_2 nodes)

@@ -27,15 +27,9 @@ from lpvobs.records import Array, Log
 STATES = ("p_im", "p_em", "omega_t")
 PARAMETERS = ("rho_1", "rho_2", "rho_3", "rho_4", "rho_5", "a_1", "a_2")
 BALANCES = ("compressor", "filling")
+COMPRESSOR = ("R_c", "k_neg", *(name for names in constant.COMPRESSOR_FORMS.values() for name in names))
 OWNED_CONSTANTS = (
-    (
-        "R_a",
-        "c_pa",
-        "gamma_a",
-        "R_c",
-        "k_neg",
-        *(name for names in constant.COMPRESSOR_FORMS.values() for name in names),
-    ),
+    ("R_a", "c_pa", "gamma_a", *COMPRESSOR),
     ("R_a", "R_e", "V_d", "V_im", *intake.Filling.__dataclass_fields__, *intake.Egr.__dataclass_fields__),
 )
 """The constants that each balance depends on, in any form of the components."""
@@ -65,6 +59,7 @@ class Diesel(AirPath):
     components = correction.COMPONENTS
     measured_parts = correction.MEASURED_PARTS
     component_maps = COMPONENT_MAPS
+    steep = COMPRESSOR
     volumes = correction.VOLUMES
     axes = (FUEL_AXIS, SPEED_AXIS)
     channels = channels("components", "diesel")
