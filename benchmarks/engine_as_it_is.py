@@ -117,8 +117,8 @@ def _constants(setting: Setting, seeds: range, every: int = 1) -> str:
                 estimate = estimate_default(path, setting.grid, setting.gain, [d.log], settings)
                 found.append(judged(setting.grid, estimate.theta, estimate.covariance, estimate.supported, d))
                 print(case, cycle, seed, found[-1], file=sys.stderr)
-            rows.append([case, title, *_columns(found)])
-    return markdown(["constants", "drive", *COLUMNS], rows)
+            rows.append([case, title, *_columns(found), str(len(found))])
+    return markdown(["constants", "drive", *COLUMNS, "draws"], rows)
 
 
 COLUMNS = ("mean relative error, %", "floor, %", "of the air flow, %", "coverage, %", "of regions, %")
