@@ -1,7 +1,7 @@
 """The truck engine on its own cycle: map, clean drives, effects that nobody declared: `python benchmarks/heavy_duty.py [SEEDS]`.
 
-Twenty seeds by default. The seed draws the noise and, where constants are drawn, every constant that has a tolerance; noise alone changes
-little, and a few seeds show that.
+Twenty seeds by default. The seed draws the noise and, where constants are drawn, every constant that has a tolerance. Noise alone
+changes little, and a few seeds show that.
 """
 
 import sys
