@@ -24,7 +24,7 @@ FAULT  := configs/effects/undeclared_leak.toml
 help:
 	@echo 'make run     the whole chain, ends with $(BUILD)/report.html and a result per cycle'
 	@echo 'make setup   a virtual environment in $(VENV) with all dependencies'
-	@echo 'make test    the tests that take a moment; five minutes on two cores'
+	@echo 'make test    the tests that take a moment; eight minutes of processor'
 	@echo 'make test-all them and the slow ones; tests/README.md says which and why'
 	@echo 'make lint    ruff and mypy'
 	@echo 'make blind   the blind bank: effects drawn at random, for both engines, judged by a process that cannot know them; an hour and a half'
