@@ -129,7 +129,7 @@ class HealthyDrive:
         known = [effect for effect in problem.catalogue if effect.id in each]
         in_place = {effect.place: [each[e.id] for e in known if e.place == effect.place] for effect in known}
         places = {place: float(np.mean(own)) for place, own in in_place.items()}
-        return Seeming(whole, late, places, self.common, self.uneven, len(self.logs) + thresholds.POOLED)
+        return Seeming(whole, late, each, places, self.common, self.uneven, len(self.logs) + thresholds.POOLED)
 
     def _slow(self, problem: Problem, b: int, wider: Array) -> Array:
         """Return what the slow error of a balance may look like, independent and of unit size, as far as data tell, (m, K)."""

@@ -54,8 +54,9 @@ class Seeming:
 
     whole: Mapping[str, float] = field(default_factory=dict)  # by effect, in its unit, where it acts all along
     late: Mapping[str, float] = field(default_factory=dict)  # where it acts from the middle of a drive on
-    # of a curve or a formula, by the place where it acts: the variance over that of noise, by independent residual
-    places: Mapping[str, float] = field(default_factory=dict)
+    # by effect, the variance over that of noise, by independent residual
+    effects: Mapping[str, float] = field(default_factory=dict)
+    places: Mapping[str, float] = field(default_factory=dict)  # of a curve or a formula, by the place where it acts
     common: float = 0.0  # the same of all effects together, for any other place
     uneven: float = 1.0  # the largest variance over blocks of the score of an effect, over that of noise
     degrees: float = np.inf  # drives that tell of it

@@ -146,11 +146,16 @@ class Problem(Places):
         """Return the variance of the size that a healthy engine seems to have of an effect, over that of noise, 1/information.
 
         What varies with the time on a healthy drive varies more within a shorter time: below half a drive as the noise does.
+        It is at most the multiple of noise that it is on healthy drives: what they leave is an error of the balances, and a
+        drive that tells more of an effect is thrown off less by it.
         """
+        in_place = self.seeming.places.get(term.effect.place, self.seeming.common)
+        most = self.seeming.effects.get(term.effect.id, in_place) * self.data
         size = (self.seeming.whole if term.whole else self.seeming.late).get(term.effect.id)
         if size is None:
-            return self.seeming.places.get(term.effect.place, self.seeming.common) * self.data
-        return information * size**2 * max(1.0, 0.5 / max(float(np.mean(term.acts(self.clock))), 1.0 / self.K))
+            return most
+        share = max(float(np.mean(term.acts(self.clock))), 1.0 / self.K)
+        return min(information * size**2 * max(1.0, 0.5 / share), most)
 
     def over_columns(self, values: Array) -> Array:
         """Return values at places, shape (K,), for every column of the signals; a sample has that of its block."""
