@@ -12,7 +12,7 @@ import scipy
 from lpvobs.discovery import thresholds
 from lpvobs.discovery.course_choice import cancels, comes_and_goes, sharpened, timed_again
 from lpvobs.discovery.courses import FactorSurface
-from lpvobs.discovery.evidence import Candidate, dated_again, elsewhere_of, in_place
+from lpvobs.discovery.evidence import Candidate, dated_again, elsewhere_of, fit_candidate, in_place
 from lpvobs.discovery.fit import fit, objective, refit
 from lpvobs.discovery.form_search import beside_forms, best_forms
 from lpvobs.discovery.forms import PREFIX
@@ -127,6 +127,8 @@ def _search(problem: Problem, progress: Callable[[float], None], once: Once, wit
         found = once(best_of, linear)
         if with_forms:
             found = beside_forms(linear, found, once(best_forms, linear, found))
+        if is_relevant(found[0], linear) and not any(is_proven(c, linear) for c in found):
+            found = (once(_beside_itself, linear, found[0]), *found[1:])
         ranking = ranking or found
         best = next((c for c in found if is_proven(c, linear)), found[0])
         # More than what may be left: proven, where healthy drives tell how errors look.
@@ -149,6 +151,16 @@ def _search(problem: Problem, progress: Callable[[float], None], once: Once, wit
     if uneven or goes or apart or varies:
         return _Search("unexplained", [], before, before, ranking, needed)
     return _Search("effect" if needed else "none", needed, linear, before, ranking)
+
+
+def _beside_itself(linear: Linear, candidate: Candidate) -> Candidate:
+    """Return a candidate as the weights that hold beside it judge it: before, what it explains counts as noise."""
+    term = candidate.term
+    beside = fit(linear.problem, [*linear.terms, term], start=linear)
+    again, before = (
+        fit_candidate(each, term.effect, size=term.size, like=term) for each in (refit(beside, linear.terms), linear)
+    )
+    return replace(again, gain=candidate.gain + again.gain - before.gain)  # a curve or a formula has paid its price
 
 
 def _with_one_more(

@@ -14,6 +14,7 @@ from lpvobs.discovery.healthy_sizes import beyond_noise, learned
 from lpvobs.discovery.imbalances import curvature_bias, imbalances_at, operating_nodes, residual_of, scenes_with
 from lpvobs.discovery.refine import refine
 from lpvobs.discovery.residual import MapPrior, Term, lay_out
+from lpvobs.discovery.select import _beside_itself
 from lpvobs.discovery.thresholds import SHAPE
 from lpvobs.io.results.mapping import read, write
 
@@ -113,6 +114,18 @@ def test_what_a_balance_says_where_it_does_not_count_teaches_nothing(laid_out, c
     np.testing.assert_array_equal(found[0].weights, found[1].weights)
     nothing = _learned(part, features, np.zeros_like(shown[0]), left[:, 0], one)
     assert (nothing.weights.any(), nothing.amplitude, nothing.lasting) == (False, 0.0, 1.0)
+
+
+def test_what_a_fault_explains_is_no_noise_beside_it(healthy, plant, config, prior, other, clean):
+    gain, gains = plant.effect("maf.gain"), []
+    for factor in (1.0, np.where(clean.time > 150.0, 1.1, 1.0)):
+        logs = [other(2, factor)]
+        linear = fit(healthy.taken_off(lay_out(healthy.unchanged(plant), config.grid(), unmoved(prior), logs)))
+        candidate = fit_candidate(linear, gain, 150.0)
+        gains.append((_beside_itself(linear, candidate).gain, candidate.gain))
+    (quiet, quiet_before), (faulty, faulty_before) = gains
+    assert faulty > 1.2 * faulty_before
+    assert quiet < quiet_before + 1.0
 
 
 def test_nothing_is_learned_or_judged_where_the_map_was_not_estimated(plant, config, prior, other, clean):
