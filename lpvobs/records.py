@@ -110,3 +110,20 @@ class Log:
         begins = np.zeros(len(self), dtype=bool)
         begins[[start for start, _ in self.segments]] = True
         yield Piece(self.time, self.channels, begins)
+
+
+def gathered(recording: Recording) -> Log:
+    """Return what a recording has of the channels that an air path needs, as one log; rows are those that it yields."""
+    pieces = list(recording.pieces())
+    time = np.concatenate([piece.time for piece in pieces])
+    starts = np.flatnonzero(np.concatenate([piece.begins for piece in pieces])).tolist()
+    return Log(
+        name=recording.name,
+        sha256=recording.sha256,
+        time=time,
+        channels={name: np.concatenate([piece.channels[name] for piece in pieces]) for name in pieces[0].channels},
+        auxiliary={},
+        segments=tuple(zip(starts, [*starts[1:], time.size], strict=True)),
+        rows=np.arange(time.size),
+        defects=recording.defects,
+    )

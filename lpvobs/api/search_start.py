@@ -13,18 +13,18 @@ import numpy as np
 from lpvobs.api.known_engine import known_engine
 from lpvobs.discovery.healthy_sizes import learned
 from lpvobs.discovery.residual import MapPrior, free_map, nominal_map
-from lpvobs.discovery.thresholds import HEALTHY_LEAST, HEALTHY_SECONDS, MOST_ROWS
+from lpvobs.discovery.thresholds import HEALTHY_LEAST, HEALTHY_SECONDS
 from lpvobs.engines.residual_model import ResidualModel
 from lpvobs.engines.unknowns import LeftAtNodes, Unknowns
 from lpvobs.errors import DataError
-from lpvobs.io.logs.parquet import metadata_of
-from lpvobs.io.logs.reading import read_log
+from lpvobs.io.logs.reading import LogFile
 from lpvobs.io.results.engines import EngineOfMap
 from lpvobs.io.results.mapping import write
 from lpvobs.io.results.refinements import StoredRefinement
 from lpvobs.io.results.results import StoredResult, read_result, update
 from lpvobs.maps.grid import Grid
-from lpvobs.records import Array, Log
+from lpvobs.observer.log_run import Beginning
+from lpvobs.records import Array, Log, gathered
 
 LEAST_LEFT = 1.0 / 3.0
 """Share of a prior's standard deviation that an estimate or a refinement leaves at least. Their own interval is of a model that is
@@ -141,7 +141,7 @@ HEALTHY = "healthy"
 
 
 def learn_healthy(out: Path, names: Mapping[Path, str], outliers: Sequence[str]) -> None:
-    """Write `/healthy` into a new result: what its own logs leave, without those that stand out.
+    """Write `/healthy` into a new result: what the first hour of its own logs leaves, without those that stand out.
 
     A result stays as it is where nothing can be learned: by an engine that knows its healthy errors already, from logs of less
     than `HEALTHY_LEAST`, or beside a map whose method does not tell of the engine.
@@ -155,14 +155,15 @@ def learn_healthy(out: Path, names: Mapping[Path, str], outliers: Sequence[str])
         known = known_from(stored, model, engine.config.estimate.prior_map, engine.calibrated)
         logs: list[Log] = []
         digest = {log.name: log.sha256 for log in stored.logs}
+        missing = HEALTHY_SECONDS
         for path in sorted(names, key=lambda path: digest.get(names[path], "")):  # the same bytes in any order
-            if names[path] in outliers or metadata_of(path).num_rows > MOST_ROWS:
+            if names[path] in outliers or missing < HEALTHY_LEAST:
                 continue
-            if sum(log.time[-1] - log.time[0] for log in logs) > HEALTHY_SECONDS:
-                break
             with suppress(DataError):
-                logs.append(read_log(path, engine.air_path.channels, engine.config.reading))
-        if model.blocks or sum(log.time[-1] - log.time[0] for log in logs) < HEALTHY_LEAST:
+                file = LogFile(path, engine.air_path.channels, engine.config.reading)
+                logs.append(gathered(Beginning(file, missing)))
+                missing -= logs[-1].time[-1] - logs[-1].time[0]
+        if model.blocks or HEALTHY_SECONDS - missing < HEALTHY_LEAST:
             return
         found = learned(known.model, engine.config.grid(), known.prior, logs)
         update(stored, lambda file: write(file, HEALTHY, found) and None)

@@ -173,92 +173,112 @@ def learned_from(
     scenes = scenes_with(problem, (), np.zeros(problem.spread.size))
     left = imbalances_at(problem, scenes, np.zeros(problem.spread.size)).reshape(B, 2, K)
     left = left - (problem.by_reading * map_along(problem.prior.mean, operating_nodes(problem, scenes)))[:, None]
-    found, start = [], [_START] * B
+    found, shares = [], (_START,) * B
     for width in widths:
         bare = _bare(problem, logs, width)
         features = np.stack([bare.features(view) for view in bare.inputs(problem)])
-        scale = _scales(left.mean(1), problem)
+        weights = (np.zeros(features.shape[2]),) * B
         for _ in range(thresholds.PASSES):
-            each = [_learned(problem, features, *row) for row in zip(problem.shown, left, scale, start, strict=True)]
-            of = _LearnedBalance(*map(np.array, zip(*each, strict=True)))
-            start = list(of.shares)
-            scale = _scales(left.mean(1) - of.weights @ features.mean(0).T, problem)
-        usual = [np.median(row[on]) if on.any() else 1.0 for row, on in zip(scale, problem.shown, strict=True)]
-        whole = replace(
-            bare, scale=np.array(usual), weights=of.weights, amplitude=of.amplitude, unsure=of.unsure, slow=of.slow,
-            lasting=problem.spacing * of.lasting,
-        )  # fmt: skip
-        found.append((float(np.sum(of.unlikely)), whole))
-    return min(found, key=lambda item: item[0])[1]
+            scale = _scales(left.mean(1) - np.array(weights) @ features.mean(0).T, problem)
+            rows = zip(problem.shown, left, scale, shares, strict=True)
+            shares, weights, unlikely = zip(*(_likeliest(problem, features, *row) for row in rows), strict=True)
+        found.append((sum(unlikely), bare, features, scale, shares))
+    _, bare, features, scale, shares = min(found, key=lambda item: item[0])
+    rows = zip(problem.shown, left, scale, shares, strict=True)
+    of = _LearnedBalance(*map(np.array, zip(*(_learned(problem, features, *row) for row in rows), strict=True)))
+    scale = _scales(left.mean(1) - of.weights @ features.mean(0).T, problem)
+    usual = [np.median(row[on]) if on.any() else 1.0 for row, on in zip(scale, problem.shown, strict=True)]
+    return replace(
+        bare, scale=np.array(usual), weights=of.weights, amplitude=of.amplitude, unsure=of.unsure, slow=of.slow,
+        lasting=problem.spacing * of.lasting,
+    )  # fmt: skip
 
 
 class _LearnedBalance(NamedTuple):
-    """What is learned of one balance, or of each along a further axis; `unlikely` is the likelihood's negative logarithm."""
+    """What is learned of one balance, or of each along a further axis."""
 
     weights: Array
     unsure: Array
     amplitude: Any
     lasting: Any
     slow: Array
-    # logarithms of the variances of largest likelihood: of the fast error, the function, and the slow ones
-    shares: Array
-    unlikely: Any
 
 
 _START = np.array([1.0, 0.0, *np.log([thresholds.SLOW_SHARE] * 2)])
 _LEAST_PIECES = 10  # pieces below which nothing is learned of a balance
 
 
-def _learned(
-    problem: Problem, features: Array, shown: NDArray[np.bool_], left: Array, scale: Array, start: Array = _START
-) -> _LearnedBalance:
-    """Return what a balance leaves where it counts, (2, K), as a function that is the same on all drives, and the errors beyond.
+def _pieces(problem: Problem, shown: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Return where a new stretch of `PIECE` begins among the places where a balance counts."""
+    return np.flatnonzero(np.diff((problem.clock[shown] // thresholds.PIECE).astype(np.int64), prepend=-1))
 
-    Variances are those of largest likelihood for means over `PIECE`; the function is the best for them at the instants.
+
+def _likeliest(
+    problem: Problem, features: Array, shown: NDArray[np.bool_], left: Array, scale: Array, start: Array = _START
+) -> tuple[Array, Array, float]:
+    """Return what means over `PIECE` say of a balance where it counts; `left` and `scale` have shapes (2, K) and (K,).
+
+    That is the logarithms of the variances of largest likelihood, of the fast error, the function, and the slow ones; the weights
+    of the function; and the negative logarithm of that likelihood.
     """
-    features, left, weight = features[:, shown], left[:, shown], scale[shown] ** -2.0
-    piece = (problem.clock[shown] // thresholds.PIECE).astype(np.int64)
-    first = np.flatnonzero(np.diff(piece, prepend=-1))
+    first, m = _pieces(problem, shown), features.shape[2]
     if first.size < _LEAST_PIECES:
-        m = features.shape[2]
-        return _LearnedBalance(np.zeros(m), np.zeros((m, m)), 0.0, 1.0, np.zeros(2), start, 0.0)
+        return start, np.zeros(m), 0.0
+    weight, usual = scale[shown] ** -2.0, float(np.median(scale[shown]))
     total = np.add.reduceat(weight, first)
-    usual = float(np.median(scale[shown]))
-    slow = (_logs(problem)[shown], _minutes(problem)[shown])
 
     def mean(values: Array) -> Array:
-        return np.asarray((np.add.reduceat((values.T * weight).T, first, axis=0).T / total).T)
+        return np.asarray((np.add.reduceat((values[shown].T * weight).T, first, axis=0).T / total).T)
 
-    y = mean(left.mean(0))
-    alike = [np.diag(1.0 / total)]
-    for columns in (features.mean(0), *slow):
-        means = usual * mean(columns)
-        alike.append(means @ means.T)
-    shapes = np.array(alike)
+    y, slow = mean(left.mean(0)), (_logs(problem), _minutes(problem))
+    means = usual * np.hstack([mean(columns) for columns in (features.mean(0), *slow)])
+    of = np.repeat([0, 1, 2], [m, *(columns.shape[1] for columns in slow)])
+    gram, seen, alone = means.T @ (total[:, None] * means), means.T @ (total * y), float(y @ (total * y))
+
+    def posterior(x: Array) -> tuple[Array, Array, Array]:
+        # cov(y) = e^x_0 / total + M S^2 M', where S has e^(x_i / 2) for the columns of kind i. By Woodbury, in as many
+        # dimensions as there are columns: B = 1 + e^-x_0 S M' total M S, and B^-1 is the covariance of their sizes.
+        S = np.exp(0.5 * x[1:])[of]
+        factor = scipy.linalg.cholesky(np.eye(of.size) + np.exp(-x[0]) * np.outer(S, S) * gram, lower=True)
+        return S, factor, np.exp(-x[0]) * scipy.linalg.cho_solve((factor, True), S * seen)
 
     def unlikely(x: Array) -> tuple[float, Array]:
-        factor = scipy.linalg.cholesky(np.tensordot(np.exp(x), shapes, 1), lower=True)
-        inverse = scipy.linalg.cho_solve((factor, True), np.eye(y.size))
-        seen, away = inverse @ y, (x[1:] - np.log(thresholds.SLOW_SHARE)) / thresholds.SLOW_SPREAD
-        own = 0.5 * float(y @ seen + away @ away) + float(np.log(np.diag(factor)).sum())
-        by = 0.5 * np.exp(x) * ((shapes * inverse).sum((1, 2)) - np.einsum("a,nab,b->n", seen, shapes, seen))
-        by[1:] += away / thresholds.SLOW_SPREAD
-        return own, by
+        S, factor, sizes = posterior(x)
+        known = 1.0 - (scipy.linalg.solve_triangular(factor, np.eye(of.size), lower=True) ** 2).sum(0)
+        misfit = np.exp(-x[0]) * float(alone - sizes @ (S * seen))
+        away = (x[1:] - np.log(thresholds.SLOW_SHARE)) / thresholds.SLOW_SPREAD
+        own = misfit + y.size * x[0] - np.log(total).sum() + 2.0 * np.log(np.diag(factor)).sum() + away @ away
+        fast = y.size - known.sum() - misfit + sizes @ sizes
+        others = np.bincount(of, known - sizes**2, minlength=3) + 2.0 * away / thresholds.SLOW_SPREAD
+        return 0.5 * float(own), 0.5 * np.array([fast, *others])
 
     bounds = [(0.0, 6.0), *[(-9.0, 4.0)] * 3]
     best = scipy.optimize.minimize(unlikely, start, jac=True, method="L-BFGS-B", bounds=bounds)
-    lasting, sizes = float(np.exp(best.x[0])), usual * np.exp(0.5 * best.x[1:])
-    rest = np.hstack([size * columns for size, columns in zip(sizes[1:], slow, strict=True)])
-    rows = np.concatenate([np.hstack([sizes[0] * view, rest]) for view in features])
-    root = np.sqrt(np.tile(0.5 * weight / lasting, 2))
-    rows *= root[:, None]
-    precision = rows.T @ rows + np.eye(rows.shape[1])
-    answer = np.linalg.solve(precision, rows.T @ (root * left.ravel()))
+    S, _, sizes = posterior(best.x)
+    return best.x, usual * (S * sizes)[:m], float(best.fun)
+
+
+def _learned(
+    problem: Problem, features: Array, shown: NDArray[np.bool_], left: Array, scale: Array, shares: Array
+) -> _LearnedBalance:
+    """Return what a balance leaves where it counts, (2, K), as a function that is the same on all drives, and the errors beyond.
+
+    `shares` are the logarithms of the variances that means over `PIECE` show; the function is the best for them at the instants.
+    """
     m = features.shape[2]
-    unsure = np.linalg.cholesky(np.linalg.inv(precision)[:m, :m])
-    return _LearnedBalance(
-        sizes[0] * answer[:m], sizes[0] * unsure, float(sizes[0]), lasting, sizes[1:], best.x, float(best.fun)
+    if _pieces(problem, shown).size < _LEAST_PIECES:
+        return _LearnedBalance(np.zeros(m), np.zeros((m, m)), 0.0, 1.0, np.zeros(2))
+    lasting, *variances = np.exp(shares)
+    sizes = np.median(scale[shown]) * np.sqrt(variances)
+    rest = np.hstack(
+        [size * columns[shown] for size, columns in zip(sizes[1:], (_logs(problem), _minutes(problem)), strict=True)]
     )
+    root = np.sqrt(0.5 / lasting) / np.tile(scale[shown], 2)
+    rows = root[:, None] * np.concatenate([np.hstack([sizes[0] * view[shown], rest]) for view in features])
+    precision = rows.T @ rows + np.eye(rows.shape[1])
+    answer = np.linalg.solve(precision, rows.T @ (root * left[:, shown].ravel()))
+    unsure = np.linalg.cholesky(np.linalg.inv(precision)[:m, :m])
+    return _LearnedBalance(sizes[0] * answer[:m], sizes[0] * unsure, float(sizes[0]), float(lasting), sizes[1:])
 
 
 def _bare(problem: Problem, logs: Sequence[str], width: float) -> HealthyDrive:

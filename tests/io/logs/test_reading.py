@@ -10,7 +10,9 @@ from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.errors import DataError
 from lpvobs.io.logs.parquet import channel_units, write_log
 from lpvobs.io.logs.policies import ChannelLimits, LogPolicies
-from lpvobs.io.logs.reading import read_references
+from lpvobs.io.logs.reading import LogFile, read_references
+from lpvobs.observer.log_run import Beginning
+from lpvobs.records import gathered
 
 UNITS = {"time": "s"} | {name: channel.unit for name, channel in Diesel.channels.items()}
 
@@ -49,6 +51,17 @@ def test_write_and_read_is_a_round_trip(tmp_path, columns, read):
         0,
     )
     assert channel_units(path) == UNITS
+
+
+def test_the_beginning_of_a_file_is_that_of_the_log(write, columns, read):
+    path = write(columns | {"time": columns["time"] + 0.5 * (np.arange(columns["time"].size) >= 7)})
+    whole = read(path)
+    file = LogFile(path, Diesel.channels, LogPolicies(gap_limit=0.4))
+    cut = gathered(Beginning(file, whole.time[9] - whole.time[0]))
+    assert (cut.name, cut.sha256, cut.segments) == (whole.name, whole.sha256, ((0, 7), (7, 9)))
+    for name in whole.channels:
+        np.testing.assert_array_equal(cut[name], whole[name][:9])
+    np.testing.assert_array_equal(gathered(file).time, whole.time)
 
 
 def test_same_channels_same_bytes(tmp_path, columns):
