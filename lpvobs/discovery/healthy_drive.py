@@ -164,17 +164,18 @@ def unmoved(prior: MapPrior) -> MapPrior:
     return replace(prior, sensitivity=prior.sensitivity[:, :0])
 
 
-def learned_from(
-    problem: Problem, logs: Sequence[str], widths: Sequence[float] = thresholds.BELL_WIDTHS
-) -> HealthyDrive:
-    """Return what healthy drives show, laid out with the map and the engine that they made, by the best of some widths."""
+def learned_from(problem: Problem, logs: Sequence[str]) -> tuple[HealthyDrive, ...]:
+    """Return what healthy drives show, laid out with the map and the engine that they made, and the same without each of several.
+
+    The width of the bells is the best of some, the variances are the likeliest of all drives.
+    """
     problem = where_the_map_stands(problem)
     B, K = problem.shown.shape
     scenes = scenes_with(problem, (), np.zeros(problem.spread.size))
     left = imbalances_at(problem, scenes, np.zeros(problem.spread.size)).reshape(B, 2, K)
     left = left - (problem.by_reading * map_along(problem.prior.mean, operating_nodes(problem, scenes)))[:, None]
     found, shares = [], (_START,) * B
-    for width in widths:
+    for width in thresholds.BELL_WIDTHS:
         bare = _bare(problem, logs, width)
         features = np.stack([bare.features(view) for view in bare.inputs(problem)])
         weights = (np.zeros(features.shape[2]),) * B
@@ -184,14 +185,20 @@ def learned_from(
             shares, weights, unlikely = zip(*(_likeliest(problem, features, *row) for row in rows), strict=True)
         found.append((sum(unlikely), bare, features, scale, shares))
     _, bare, features, scale, shares = min(found, key=lambda item: item[0])
-    rows = zip(problem.shown, left, scale, shares, strict=True)
-    of = _LearnedBalance(*map(np.array, zip(*(_learned(problem, features, *row) for row in rows), strict=True)))
-    scale = _scales(left.mean(1) - of.weights @ features.mean(0).T, problem)
-    usual = [np.median(row[on]) if on.any() else 1.0 for row, on in zip(scale, problem.shown, strict=True)]
-    return replace(
-        bare, scale=np.array(usual), weights=of.weights, amplitude=of.amplitude, unsure=of.unsure, slow=of.slow,
-        lasting=problem.spacing * of.lasting,
-    )  # fmt: skip
+
+    def of(numbers: Sequence[int]) -> HealthyDrive:
+        shown = problem.shown & np.isin(problem.of_log, numbers)
+        each = zip(shown, left, scale, shares, strict=True)
+        own = _LearnedBalance(*map(np.array, zip(*(_learned(problem, features, *row) for row in each), strict=True)))
+        rest = _scales(left.mean(1) - own.weights @ features.mean(0).T, problem)
+        return replace(
+            bare, logs=tuple(logs[i] for i in numbers), weights=own.weights, amplitude=own.amplitude, unsure=own.unsure,
+            scale=np.array([np.median(row[on]) if on.any() else 1.0 for row, on in zip(rest, shown, strict=True)]),
+            slow=own.slow, lasting=problem.spacing * own.lasting,
+        )  # fmt: skip
+
+    everyone = range(len(logs))
+    return of(everyone), *(of([i for i in everyone if i != own]) for own in everyone if len(logs) > 1)
 
 
 class _LearnedBalance(NamedTuple):

@@ -20,15 +20,11 @@ from lpvobs.records import Array, Log
 
 def learned(model: ResidualModel, grid: Grid, prior: MapPrior, logs: Sequence[Log]) -> HealthyDrive:
     """Return what healthy drives show; each of several tells what it seems to have of every effect, seen from the others."""
-    found = learned_from(lay_out(model, grid, prior, logs), [log.name for log in logs])
-    width = (found.width / float(np.sqrt(len(found.channels))),)
+    found, *without = learned_from(lay_out(model, grid, prior, logs), [log.name for log in logs])
     # of every drive, as the others see it: gradient and information of each effect, whole and late
     seen_by: list[dict[str, list[tuple[float, float]]]] = []
     data, uneven = [], [1.0]
-    for log in logs:
-        others = [other for other in logs if other is not log]
-        names = [other.name for other in others]
-        seen = learned_from(lay_out(model, grid, prior, others), names, width) if others else found
+    for log, seen in zip(logs, without or [found], strict=True):
         laid = seen.taken_off(lay_out(seen.unchanged(model), grid, unmoved(prior), [log]))
         linear, middle = fit(laid, passes=2), 0.5 * float(laid.clock[0] + laid.clock[-1])
         seen_by.append({e.id: [first_order(linear, e, begin) for begin in (-np.inf, middle)] for e in laid.catalogue})

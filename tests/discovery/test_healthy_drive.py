@@ -48,7 +48,7 @@ def other(clean):
 
 @pytest.fixture(scope="module")
 def healthy(plant, config, prior, other):
-    return learned_from(lay_out(plant, config.grid(), prior, [other(1)]), ["drive1"])
+    return learned_from(lay_out(plant, config.grid(), prior, [other(1)]), ["drive1"])[0]
 
 
 def test_what_does_not_change_cancels(healthy, plant, config, prior, other):
@@ -139,7 +139,7 @@ def test_nothing_is_learned_or_judged_where_the_map_was_not_estimated(plant, con
     unknown = np.arange(grid.size) % grid.fuel.size < 4
     wrong = np.interp(clean["u_delta"], (grid.fuel[2], grid.fuel[3]), (1.6, 1.0))
     part = replace(prior, precision=np.diag(np.where(unknown, 1.0, 1.0 / 0.002**2)))
-    learned, right = (learned_from(lay_out(plant, grid, part, [other(1, x)]), ["drive1"]) for x in (wrong, 1.0))
+    learned, right = (learned_from(lay_out(plant, grid, part, [other(1, x)]), ["drive1"])[0] for x in (wrong, 1.0))
     np.testing.assert_allclose(learned.scale, right.scale, rtol=0.1)  # windows of the nearest instants reach the others
     np.testing.assert_allclose(learned.amplitude, right.amplitude, rtol=0.1)
     judged = learned.taken_off(lay_out(plant, grid, part, [other(2, wrong)]))
