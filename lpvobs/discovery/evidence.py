@@ -129,9 +129,11 @@ def fit_candidate(
         best = (float(gain), float(size), change, slope, answer)
         information = dot(slope, slope) - against @ own
         gradient = dot(slope, linear.residual + change) - against @ (answer + linear.newton_step)
-        if not information > STRONG * np.sqrt(_blur(linear, slope).sum()):
-            break
-        new = float(np.clip(size - gradient / information, effect.low, effect.high))
+        if information > STRONG * np.sqrt(_blur(linear, slope).sum()):
+            step = -gradient / information
+        else:  # the derivative is noise here, as near the stall of the compressor: the effect may be told at twice the size
+            step = size - effect.null
+        new = float(np.clip(size + step, effect.low, effect.high))
         if abs(new - size) * np.sqrt(information) < 1e-2:
             break
         size = new
