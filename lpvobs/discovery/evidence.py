@@ -129,10 +129,9 @@ def fit_candidate(
         best = (float(gain), float(size), change, slope, answer)
         information = dot(slope, slope) - against @ own
         gradient = dot(slope, linear.residual + change) - against @ (answer + linear.newton_step)
-        if information > STRONG * np.sqrt(_blur(linear, slope).sum()):
-            step = -gradient / information
-        else:  # the derivative is noise here, as near the stall of the compressor: the effect may be told at twice the size
-            step = size - effect.null
+        # Where the derivative is noise, as near the stall of the compressor, the effect may be told at twice the size.
+        told = information > STRONG * np.sqrt(_blur(linear, slope).sum())
+        step = -gradient / information if told else size - effect.null
         new = float(np.clip(size + step, effect.low, effect.high))
         if abs(new - size) * np.sqrt(information) < 1e-2:
             break

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import scipy
 
+from lpvobs.discovery import evidence
 from lpvobs.discovery.evidence import fit_candidate
 from lpvobs.discovery.fit import fit
 from lpvobs.discovery.healthy_drive import _learned, _likeliest, _scales, learned_from, unmoved
@@ -308,3 +309,31 @@ def test_a_shift_of_a_balance_bends_nothing(laid_out, clean):
         for each in (problem, shifted)
     ]
     np.testing.assert_allclose(bias[0], bias[1], atol=1e-12)  # kg/s, rounding
+
+
+def test_an_effect_whose_derivative_is_noise_halfway_is_found_at_its_size(
+    healthy, other, config, prior, plant, monkeypatch
+):
+    """Near the stall of a compressor the search once ended at 0.8 % of an intake pressure that read 2 % too high."""
+    drive = other(2)
+    log = replace(drive, channels={**drive.channels, "p_im": 1.02 * drive["p_im"]})
+    problem = lay_out(healthy.unchanged(plant), config.grid(), unmoved(prior), [log])
+    linear, effect, calls = fit(healthy.taken_off(problem)), plant.effect("p_im.gain"), []
+
+    noise = []
+
+    def blurred(linear, slope):
+        calls.append(slope)
+        return np.array([np.inf if len(calls) in noise else 0.0])
+
+    def too_steep(*given):
+        return slope(*given) * (1.0 if calls else 3.0)  # so that the first step is a third of what it should be
+
+    slope = evidence.slope_of
+    monkeypatch.setattr(evidence, "_blur", blurred)
+    monkeypatch.setattr(evidence, "slope_of", too_steep)
+    anywhere = fit_candidate(linear, effect)
+    assert anywhere.term.size == pytest.approx(1.02, abs=0.005)
+    calls.clear()
+    noise.append(2)  # at the size after the first step, where the search once ended, at a tenth of the true size
+    assert fit_candidate(linear, effect).term.size - 1.0 > 0.5 * (anywhere.term.size - 1.0)
