@@ -130,13 +130,17 @@ def fit_candidate(
         information = dot(slope, slope) - against @ own
         gradient = dot(slope, linear.residual + change) - against @ (answer + linear.newton_step)
         # Where the derivative is noise, as near the stall of the compressor, the effect may be told at twice the size.
-        told = information > STRONG * np.sqrt(_blur(linear, slope).sum())
-        step = -gradient / information if told else size - effect.null
+        step = -gradient / information if _is_clear(linear, slope, information) else size - effect.null
         new = float(np.clip(size + step, effect.low, effect.high))
         if abs(new - size) * np.sqrt(information) < 1e-2:
             break
         size = new
     return _judged(linear, replace(term, size=best[1]), best[0], *best[2:])
+
+
+def _is_clear(linear: Linear, slope: Array, information: float) -> bool:
+    """Return whether the information about a size is more than the noise of its derivative."""
+    return bool(information > STRONG * np.sqrt(_blur(linear, slope).sum()))
 
 
 def _judged(linear: Linear, term: Term, gain: float, change: Array, slope: Array, answer: Array) -> Candidate:
@@ -145,7 +149,7 @@ def _judged(linear: Linear, term: Term, gain: float, change: Array, slope: Array
     own = linear.project(against)
     information = max(dot(slope, slope) - float(against @ own), 1e-9 * float(np.vdot(slope, slope)), 1e-300)
     scores = linear.by_block(left, slope) - linear.products_by_block(left) @ own
-    known = information > STRONG * np.sqrt(_blur(linear, slope).sum())
+    known = _is_clear(linear, slope, information)
     clock = linear.problem.clock
     from_start = bool(np.isfinite(term.end)) and term.begin < clock[0] + START * (clock[-1] - clock[0])
     weighed = _weighed(linear, term, left, scores if known else None, information)
