@@ -127,7 +127,7 @@ def fit_candidate(
         against = linear.products(slope)
         own = linear.project(against)
         best = (float(gain), float(size), change, slope, answer)
-        information = dot(slope, slope) - against @ own
+        information = dot(slope, slope) - float(against @ own)
         gradient = dot(slope, linear.residual + change) - against @ (answer + linear.newton_step)
         # Where the derivative is noise, as near the stall of the compressor, the effect may be told at twice the size.
         step = -gradient / information if _is_clear(linear, slope, information) else size - effect.null
