@@ -94,9 +94,12 @@ class HealthyDrive:
         bells = _bells(inputs[:, :c], self.centres, self.width) @ self._root.T
         return np.hstack([bells, inputs[:, c:]])
 
-    def expected(self, problem: Problem) -> tuple[Array, Array]:
+    def along(self, problem: Problem) -> Array:
+        """Return the features along a problem, shape (K, m + r): the mean of both views."""
+        return np.asarray(np.mean([self.features(view) for view in self.inputs(problem)], axis=0))
+
+    def expected(self, problem: Problem, features: Array) -> tuple[Array, Array]:
         """Return what a healthy engine leaves [kg/s], and the variance of its errors beyond, over that of white noise, (B, K)."""
-        features = np.mean([self.features(view) for view in self.inputs(problem)], axis=0)
         known = np.clip((features[:, : len(self.centres)] ** 2).sum(1), 0.0, 1.0)
         unsure = np.outer((self.amplitude / self.scale) ** 2, 1.0 - known)
         lasting = np.maximum(self.lasting / problem.spacing, 1.0)
@@ -105,8 +108,9 @@ class HealthyDrive:
     def taken_off(self, problem: Problem) -> Problem:
         """Return the problem that asks for what has changed, for any width of the windows."""
         problem = where_the_map_stands(problem)
-        expected, wider = self.expected(problem)
-        patterns = Patterns(tuple(self._slow(problem, b, wider[b]) for b in range(len(self.balances))))
+        features = self.along(problem)
+        expected, wider = self.expected(problem, features)
+        patterns = Patterns(tuple(self._slow(problem, features, b, wider[b]) for b in range(len(self.balances))))
         found = replace(
             problem,
             offset=problem.offset - expected,
@@ -131,9 +135,8 @@ class HealthyDrive:
         places = {place: float(np.mean(own)) for place, own in in_place.items()}
         return Seeming(whole, late, each, places, self.common, self.uneven, len(self.logs) + thresholds.POOLED)
 
-    def _slow(self, problem: Problem, b: int, wider: Array) -> Array:
+    def _slow(self, problem: Problem, features: Array, b: int, wider: Array) -> Array:
         """Return what the slow error of a balance may look like, independent and of unit size, as far as data tell, (m, K)."""
-        features = np.mean([self.features(view) for view in self.inputs(problem)], axis=0)
         each = zip(self.slow[b], (_logs(problem), _minutes(problem)), strict=True)
         every = np.hstack([features @ self.unsure[b], *(size * columns for size, columns in each)])
         every = every * problem.shown[b][:, None]
@@ -186,10 +189,11 @@ def learned_from(problem: Problem, logs: Sequence[str]) -> tuple[HealthyDrive, .
         found.append((sum(unlikely), bare, features, scale, shares))
     _, bare, features, scale, shares = min(found, key=lambda item: item[0])
 
+    told = [_told(problem, features, *row) for row in zip(problem.shown, left, scale, shares, strict=True)]
+
     def of(numbers: Sequence[int]) -> HealthyDrive:
         shown = problem.shown & np.isin(problem.of_log, numbers)
-        each = zip(shown, left, scale, shares, strict=True)
-        own = _LearnedBalance(*map(np.array, zip(*(_learned(problem, features, *row) for row in each), strict=True)))
+        own = _LearnedBalance(*map(np.array, zip(*(_learned(each, numbers) for each in told), strict=True)))
         rest = _scales(left.mean(1) - own.weights @ features.mean(0).T, problem)
         return replace(
             bare, logs=tuple(logs[i] for i in numbers), weights=own.weights, amplitude=own.amplitude, unsure=own.unsure,
@@ -199,6 +203,16 @@ def learned_from(problem: Problem, logs: Sequence[str]) -> tuple[HealthyDrive, .
 
     everyone = range(len(logs))
     return of(everyone), *(of([i for i in everyone if i != own]) for own in everyone if len(logs) > 1)
+
+
+class _Told(NamedTuple):
+    """What each of L logs tells of the function in one balance, at the given variances, beside its own slow errors."""
+
+    pieces: NDArray[np.int64]  # number of stretches of `PIECE`, (L,)
+    precision: Array  # (L, m, m)
+    gradient: Array  # (L, m)
+    sizes: Array  # of the function and of the slow errors, (3,) [kg/s]
+    lasting: float  # variance of the fast error over that of white noise
 
 
 class _LearnedBalance(NamedTuple):
@@ -265,27 +279,40 @@ def _likeliest(
     return best.x, usual * (S * sizes)[:m], float(best.fun)
 
 
-def _learned(
+def _told(
     problem: Problem, features: Array, shown: NDArray[np.bool_], left: Array, scale: Array, shares: Array
-) -> _LearnedBalance:
-    """Return what a balance leaves where it counts, (2, K), as a function that is the same on all drives, and the errors beyond.
+) -> _Told:
+    """Return what the instants at which a balance counts tell of its function; arguments as of `_likeliest`.
 
-    `shares` are the logarithms of the variances that means over `PIECE` show; the function is the best for them at the instants.
+    `shares` are the logarithms of the variances that means over `PIECE` show.
     """
-    m = features.shape[2]
-    if _pieces(problem, shown).size < _LEAST_PIECES:
-        return _LearnedBalance(np.zeros(m), np.zeros((m, m)), 0.0, 1.0, np.zeros(2))
+    numbers, m = np.unique(problem.of_log), features.shape[2]
     lasting, *variances = np.exp(shares)
-    sizes = np.median(scale[shown]) * np.sqrt(variances)
-    rest = np.hstack(
-        [size * columns[shown] for size, columns in zip(sizes[1:], (_logs(problem), _minutes(problem)), strict=True)]
-    )
-    root = np.sqrt(0.5 / lasting) / np.tile(scale[shown], 2)
-    rows = root[:, None] * np.concatenate([np.hstack([sizes[0] * view[shown], rest]) for view in features])
-    precision = rows.T @ rows + np.eye(rows.shape[1])
-    answer = np.linalg.solve(precision, rows.T @ (root * left[:, shown].ravel()))
-    unsure = np.linalg.cholesky(np.linalg.inv(precision)[:m, :m])
-    return _LearnedBalance(sizes[0] * answer[:m], sizes[0] * unsure, float(sizes[0]), float(lasting), sizes[1:])
+    sizes = (np.median(scale[shown]) if shown.any() else 1.0) * np.sqrt(variances)
+    pieces = np.bincount(problem.of_log[shown][_pieces(problem, shown)], minlength=numbers.size)
+    precision, gradient = np.zeros((numbers.size, m, m)), np.zeros((numbers.size, m))
+    for i in numbers[pieces > 0]:
+        on = shown & (problem.of_log == i)
+        slow = np.hstack([np.full((on.sum(), 1), sizes[1]), sizes[2] * _memory(problem, i)[on[problem.of_log == i]]])
+        root = np.sqrt(0.5 / lasting) / np.tile(scale[on], 2)
+        rows = root[:, None] * np.concatenate([np.hstack([sizes[0] * view[on], slow]) for view in features])
+        gram, seen = rows.T @ rows, rows.T @ (root * left[:, on].ravel())
+        of_slow = np.linalg.solve(gram[m:, m:] + np.eye(slow.shape[1]), gram[m:, :m]).T
+        precision[i] = gram[:m, :m] - of_slow @ gram[m:, :m]
+        gradient[i] = seen[:m] - of_slow @ seen[m:]
+    return _Told(pieces, precision, gradient, sizes, float(lasting))
+
+
+def _learned(told: _Told, logs: Sequence[int]) -> _LearnedBalance:
+    """Return what a balance leaves on some logs, as a function that is the same on all of them, and the errors beyond."""
+    m = told.gradient.shape[1]
+    if told.pieces[logs].sum() < _LEAST_PIECES:
+        return _LearnedBalance(np.zeros(m), np.zeros((m, m)), 0.0, 1.0, np.zeros(2))
+    size, *slow = told.sizes
+    precision = told.precision[logs].sum(0) + np.eye(m)
+    weights = size * np.linalg.solve(precision, told.gradient[logs].sum(0))
+    unsure = size * np.linalg.cholesky(np.linalg.inv(precision))
+    return _LearnedBalance(weights, unsure, float(size), told.lasting, np.array(slow))
 
 
 def _bare(problem: Problem, logs: Sequence[str], width: float) -> HealthyDrive:
@@ -336,11 +363,13 @@ def _logs(problem: Problem) -> Array:
 
 
 def _minutes(problem: Problem) -> Array:
-    """Return features of what lasts for minutes, of unit variance, shape (K, knots): a memory, straight between knots."""
-    found = []
-    for i in np.unique(problem.of_log):
-        t = problem.clock[problem.of_log == i]
-        knots = np.linspace(t[0], t[-1], max(2, round(2.0 * (t[-1] - t[0]) / thresholds.MEMORY)))
-        root = np.linalg.cholesky(np.exp(-np.abs(knots[:, None] - knots) / thresholds.MEMORY))
-        found.append(np.stack([np.interp(t, knots, column) for column in root.T], axis=1))
-    return np.asarray(scipy.linalg.block_diag(*found))
+    """Return features of what lasts for minutes, of unit variance, shape (K, knots), of one log after the other."""
+    return np.asarray(scipy.linalg.block_diag(*(_memory(problem, i) for i in np.unique(problem.of_log))))
+
+
+def _memory(problem: Problem, log: int) -> Array:
+    """Return the features of one log, along its own places: a memory, straight between knots."""
+    t = problem.clock[problem.of_log == log]
+    knots = np.linspace(t[0], t[-1], max(2, round(2.0 * (t[-1] - t[0]) / thresholds.MEMORY)))
+    root = np.linalg.cholesky(np.exp(-np.abs(knots[:, None] - knots) / thresholds.MEMORY))
+    return np.stack([np.interp(t, knots, column) for column in root.T], axis=1)

@@ -10,7 +10,7 @@ import scipy
 from lpvobs.discovery import evidence
 from lpvobs.discovery.evidence import fit_candidate
 from lpvobs.discovery.fit import fit
-from lpvobs.discovery.healthy_drive import _learned, _likeliest, _scales, learned_from, unmoved
+from lpvobs.discovery.healthy_drive import _learned, _likeliest, _scales, _told, learned_from, unmoved
 from lpvobs.discovery.healthy_sizes import beyond_noise, learned
 from lpvobs.discovery.imbalances import curvature_bias, imbalances_at, operating_nodes, residual_of, scenes_with
 from lpvobs.discovery.refine import refine
@@ -84,7 +84,7 @@ def test_it_comes_back_from_a_file_as_it_was(healthy, tmp_path):
 
 def of_balance(*given):
     shares, _, _ = _likeliest(*given)
-    return _learned(*given, shares)
+    return _learned(_told(*given, shares), range(1))
 
 
 def test_the_function_is_told_from_errors_that_last_and_those_that_do_not(laid_out, clean):
@@ -290,7 +290,7 @@ def test_fast_errors_last_as_long_at_any_spacing(laid_out, clean, healthy):
     assert found[0] > 10.0 * problem.spacing
     assert found[1] == pytest.approx(found[0], rel=0.25)
     far = replace(problem, time=4.0 * problem.time)
-    (_, near_wider), (_, far_wider) = healthy.expected(problem), healthy.expected(far)
+    (_, near_wider), (_, far_wider) = (healthy.expected(each, healthy.along(each)) for each in (problem, far))
     np.testing.assert_allclose(
         far_wider,
         near_wider
