@@ -61,6 +61,8 @@ def loss_of(linear: Linear) -> Array:
 def change_of(linear: Linear, effect: Effect, size: float) -> Array:
     """Return how a further effect that acts all the time changes the residual, shape (2, B, K), not whitened."""
     problem = linear.problem
+    if size == effect.null:
+        return np.zeros(linear.raw.shape)
     scenes = tuple((on, effect.apply(s, size)) for on, s in linear.scenes)
     return change_of_residual(
         problem, effect, linear.scenes, scenes, linear.beta, linear.theta, linear.nodes, linear.raw
@@ -73,17 +75,19 @@ def slope_of(linear: Linear, effect: Effect, size: float, here: Array | None = N
     return (change_of(linear, effect, size + h) - (change_of(linear, effect, size) if here is None else here)) / h
 
 
-def first_order(linear: Linear, effect: Effect, begin: float = -np.inf, end: float = np.inf) -> tuple[float, float]:
-    """Return gradient and information of an effect's size in an interval, with the residual taken as linear in it."""
-    on = Term(effect, effect.null, begin, end).acts(linear.problem.clock)
-    slope = linear.whiten(slope_of(linear, effect, effect.null) * on)
-    (gradient,), ((information,),) = linear.beside(slope[None])
-    return float(gradient), float(information)
+def first_order(linear: Linear, effect: Effect, *intervals: tuple[float, float]) -> list[tuple[float, float]]:
+    """Return gradient and information of an effect's size in each interval, with the residual taken as linear in it."""
+    slope, found = slope_of(linear, effect, effect.null), []
+    for interval in intervals:
+        on = Term(effect, effect.null, *interval).acts(linear.problem.clock)
+        (gradient,), ((information,),) = linear.beside(linear.whiten(slope * on)[None])
+        found.append((float(gradient), float(information)))
+    return found
 
 
 def first_order_gain(linear: Linear, effect: Effect, begin: float = -np.inf, end: float = np.inf) -> float:
     """Return the gain of an effect in an interval."""
-    gradient, information = first_order(linear, effect, begin, end)
+    ((gradient, information),) = first_order(linear, effect, (begin, end))
     return 0.5 * gradient**2 / information if information > 0.0 else 0.0
 
 
