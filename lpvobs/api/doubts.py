@@ -2,8 +2,6 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import reduce
-from operator import add
 
 import numpy as np
 
@@ -36,30 +34,41 @@ class Doubts:
     reading: Array  # (p_2, p_1) [kg/s] mean reading in the cells around each node, NaN where nobody drove
 
 
-def doubts_of(config: Config, engine: Judged, estimate: MapEstimate, logs: Iterable[tuple[str, BalanceSums]]) -> Doubts:
-    """Return what speaks against logs and engine; raises DataError if the map is larger than a sensor can be wrong."""
-    covariance = engine.unknowns.reduced(engine.unknowns.covariance)
-    grid, axes = config.grid(), [axis.channel for axis in engine.air_path.axes]
-    ratios: dict[str, float] = {}
-    says: list[str] = []
+class Doubting:
+    """Looks at one log after the other, and adds up what speaks against logs and engine."""
 
-    def noted(name: str, sums: BalanceSums) -> BalanceSums:
-        own = agreement(grid, sums, covariance, axes)
-        ratios[name] = own.ratio
-        says.extend(f"{name}: {text}" for text in _said(config, sums, own))
-        return sums
+    def __init__(self, config: Config, engine: Judged):
+        self._config, self._engine = config, engine
+        self._covariance = engine.unknowns.reduced(engine.unknowns.covariance)
+        self._total: BalanceSums | None = None
+        self._ratios: dict[str, float] = {}
+        self._says: list[str] = []
 
-    total = reduce(add, (noted(name, sums) for name, sums in logs))
-    refuse_too_large(estimate, total, config.estimate.largest_error, says)
-    says.extend(_another_volume(engine.air_path.volumes, estimate.engine))  # of a map that is refused they tell nothing
-    says.extend(filter(None, [config.kind.caveat]))
-    return Doubts(
-        agreement(grid, total, covariance, axes),
-        ratios,
-        tuple(says),
-        _driven(estimate, total),
-        _readings(estimate, total),
-    )
+    def look(self, name: str, sums: BalanceSums) -> None:
+        """Look at a log."""
+        own = self._agreement(sums)
+        self._ratios[name] = own.ratio
+        self._says.extend(f"{name}: {text}" for text in _said(self._config, sums, own))
+        self._total = sums if self._total is None else self._total + sums
+
+    def doubts(self, estimate: MapEstimate) -> Doubts:
+        """Return what speaks against them; raises DataError if the map is larger than a sensor can be wrong."""
+        total, says = self._total, self._says
+        assert total is not None
+        refuse_too_large(estimate, total, self._config.estimate.largest_error, says)
+        # of a map that is refused they tell nothing
+        further = [*_another_volume(self._engine.air_path.volumes, estimate.engine), self._config.kind.caveat]
+        return Doubts(
+            self._agreement(total),
+            self._ratios,
+            (*says, *filter(None, further)),
+            _driven(estimate, total),
+            _readings(estimate, total),
+        )
+
+    def _agreement(self, sums: BalanceSums) -> BalanceAgreement:
+        axes = [axis.channel for axis in self._engine.air_path.axes]
+        return agreement(self._config.grid(), sums, self._covariance, axes)
 
 
 def _driven(estimate: MapEstimate, sums: BalanceSums) -> tuple[Array, float]:

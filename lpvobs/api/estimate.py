@@ -11,7 +11,7 @@ import h5py
 from msgspec import Meta
 
 from lpvobs.api import fleet, verify
-from lpvobs.api.doubts import doubts_of
+from lpvobs.api.doubts import Doubting
 from lpvobs.api.files import File, Files, Progress, as_path, refuse_copies, shown, some_logs, usable, writing
 from lpvobs.api.jobs import Workers, processors
 from lpvobs.api.known_engine import KnownEngine, engine_before
@@ -195,9 +195,11 @@ def _one_after_another(
     fleet.refuse_empty(estimate)
     engine = judged(air_path, settings.of_engine(air_path.usual_tolerance), None)
     watched = [Watched(log, engine, grid, config.kind.suspects) for log in logs.values()]
+    doubting = Doubting(config, engine)
     for each in watched:
         deque(each.pieces(), maxlen=0)  # goes through the log
-    doubts = doubts_of(config, engine, estimate, ((each.name, each.sums) for each in watched))
+        doubting.look(each.name, each.sums)
+    doubts = doubting.doubts(estimate)
     progress(0.9)
     summaries = tuple(
         results.summary_of(run, metrics_of(air_path, estimate, path, log), doubts.ratios[run.name])

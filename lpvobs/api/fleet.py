@@ -13,7 +13,7 @@ from typing import Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from lpvobs.api.doubts import Doubts, doubts_of
+from lpvobs.api.doubts import Doubting, Doubts
 from lpvobs.api.files import Progress, refuse_copies, within
 from lpvobs.api.jobs import Workers
 from lpvobs.api.known_engine import KnownEngine
@@ -90,11 +90,13 @@ class LogOutcome(Generic[Left]):
     whole: bool = True
 
 
-def in_order(read: Callable[[str], StoredPart], found: Mapping[str, str]) -> Iterator[LogInformation]:
-    """Yield the parts in the order of their digests, each under the name that its log has now."""
+def in_order(
+    read: Callable[[str], StoredPart], found: Mapping[str, str]
+) -> Iterator[tuple[LogInformation, StoredPart]]:
+    """Yield the parts in the order of their digests, each under the name that its log has now, and all that was stored."""
     for sha256 in sorted(found):
-        part = read(sha256).part
-        yield replace(part, run=replace(part.run, name=found[sha256]))
+        stored = read(sha256)
+        yield replace(stored.part, run=replace(stored.part.run, name=found[sha256])), stored
 
 
 def begun(before: KnownEngine, gain: StateGain, workers: Workers) -> PartTask:
@@ -148,17 +150,25 @@ def estimate_fleet(
                 folder.remove()
             raise DataError("; ".join(refusals))
         called = {sha256: names[path] for sha256, path in found.items()}
-        estimate, solution = merged(grid, in_order(read, called), task.point)
+        doubting = Doubting(config, judged(air_path, task.point.settings, task.point.known))
+        kept: dict[str, tuple[NDArray[np.uint8], ...]] = {}
+
+        def looked_at() -> Iterator[LogInformation]:
+            for part, stored in in_order(read, called):
+                doubting.look(part.run.name, stored.balances)
+                kept[part.run.sha256] = stored.kept
+                yield part
+
+        estimate, solution = merged(grid, looked_at(), task.point)
         refuse_empty(estimate)
-        sums = ((names[path], read(sha256).balances) for sha256, path in sorted(found.items()))
-        doubts = doubts_of(config, judged(air_path, task.point.settings, task.point.known), estimate, sums)
-        scatter = float("nan")
-        agreement: tuple[Agreement, ...] = ()
+        doubts = doubting.doubts(estimate)
+        agreed: tuple[float, tuple[Agreement, ...]] = (float("nan"), ())
         if len(found) > 1:
-            scatter, agreement = agreements(solution, in_order(read, called), config.estimate.prior_map)
+            parts_again = (part for part, _ in in_order(read, called))
+            agreed = agreements(solution, parts_again, config.estimate.prior_map)
         units = {axis.channel: air_path.channels[axis.channel].unit for axis in air_path.axes}
         judging = partial(compared, grid, estimate.theta, units)
-        known = [(sha256, path, read(sha256).kept) for sha256, path in found.items() if has_references(path)]
+        known = [(sha256, path, kept[sha256]) for sha256, path in found.items() if has_references(path)]
         judged_by = finished(workers, judging, known, within(progress, done, 0.1 * done + 0.9))
         metrics = {sha256: result for (sha256, *_), result in judged_by}
     runs, ratios = estimate.runs, doubts.ratios
@@ -170,8 +180,8 @@ def estimate_fleet(
         summaries=tuple(summaries[log] for log in found),
         refused=refusals,
         doubts=doubts,
-        scatter=scatter,
-        agreement=tuple(sorted(agreement, key=lambda item: turn[item.name])),
+        scatter=agreed[0],
+        agreement=tuple(sorted(agreed[1], key=lambda item: turn[item.name])),
     )
 
 
