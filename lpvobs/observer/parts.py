@@ -52,13 +52,12 @@ class LogInformation:
     cells: NDArray[np.int64]  # (v,) numbers of the cells, row by row
     gram: Array  # (v, 4, 4) [s]
 
-    def moments(self, grid: Grid, layout: Columns) -> Moments:
-        """Return the sums over all columns and cells."""
-        full = no_moments(grid, layout)
-        full.products[:, :, self.columns[:, None], self.columns] = self.products
-        full.slow[:, :, self.columns[:, None], self.columns] = self.slow
-        full.gram[self.cells] = self.gram
-        return Moments(full.products, full.slow, self.windows, full.gram)
+    def add_to(self, total: Moments) -> None:
+        """Add these sums to those over all columns and cells."""
+        total.products[:, :, self.columns[:, None], self.columns] += self.products
+        total.slow[:, :, self.columns[:, None], self.columns] += self.slow
+        total.windows[:] += self.windows
+        total.gram[self.cells] += self.gram
 
 
 @dataclass(frozen=True)
@@ -245,5 +244,5 @@ def added_up(grid: Grid, layout: Columns, parts: Iterable[LogInformation]) -> Mo
     """Return the sums of logs together, added in the order given."""
     total = no_moments(grid, layout)
     for part in parts:
-        total = total + part.moments(grid, layout)
+        part.add_to(total)
     return total

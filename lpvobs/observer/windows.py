@@ -68,12 +68,6 @@ class Moments:
     windows: Array  # (B,) their number where each balance says something
     gram: Array  # (cells, 4, 4) [s], integral of Psi_l^T Psi_l over the stay in each cell, for its excitation
 
-    def __add__(self, other: "Moments") -> "Moments":
-        """Return the sums of both."""
-        return Moments(
-            self.products + other.products, self.slow + other.slow, self.windows + other.windows, self.gram + other.gram
-        )
-
 
 def no_moments(grid: Grid, layout: Columns) -> Moments:
     """Return the sums of no window."""
