@@ -3,14 +3,14 @@
 No engine is its model. What a balance leaves is a smooth function of the signals, the same on all drives, and errors that last all
 day, for minutes, or a few instants; their variances are those of largest likelihood. The function is taken off the residual of
 another drive. What is not known of it, and the slow errors, are unknowns of that drive's search with the covariance that healthy
-drives leave; the fast error widens the noise.
+drives leave; the fast error widens the noise. Where an effect corrects a channel, the function goes along by its derivative.
 
 The function is a Gaussian process: bells over the channels around instants of the healthy drives, and a line over their rates,
 since sensors that are slow when the engine is healthy stay slow. Where a drive goes elsewhere the bells end, and what the
 function would have said counts as noise.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Annotated, Any, NamedTuple
@@ -117,6 +117,7 @@ class HealthyDrive:
             lasting=problem.lasting * wider,
             patterns=patterns,
             seeming=self._seeming(problem),
+            follows=self._follows(problem),
             covariance=scipy.linalg.block_diag(problem.covariance, np.eye(len(patterns))),
         )
 
@@ -124,6 +125,19 @@ class HealthyDrive:
             return replace(self.taken_off(problem.wider()), patterns=patterns, covariance=found.covariance)
 
         return replace(found, wider=wide)
+
+    def _follows(self, problem: Problem) -> Mapping[str, tuple[Array, Array]]:
+        """Return the derivatives of what a healthy engine leaves by value and rate of each channel but the sensor, (B, K)."""
+        inputs, c, m = self.inputs(problem).mean(0), len(self.channels), len(self.centres)
+        here, bells = inputs[:, :c], _bells(inputs[:, :c], self.centres, self.width)
+        slopes = np.empty((len(self.balances), *inputs.shape))
+        for slope, weights, lines in zip(slopes, self.weights[:, :m] @ self._root, self.weights[:, m:], strict=True):
+            pulled = bells * weights
+            slope[:, :c] = (pulled @ self.centres - pulled.sum(1)[:, None] * here) / self.width**2
+            slope[:, c:] = lines
+        slopes = np.moveaxis(slopes * (np.abs(inputs) < thresholds.FAR) / self.spread, 2, 0)
+        by_rate = dict(zip(self.rates, slopes[c:], strict=True))
+        return {name: (by_value, by_rate[name]) for name, by_value in zip(self.channels, slopes[:c], strict=True)}
 
     def _seeming(self, problem: Problem) -> Seeming:
         """Return what a healthy engine seems to have of every effect, and of what acts in the place of some: their mean."""

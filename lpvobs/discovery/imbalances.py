@@ -65,7 +65,19 @@ def imbalances_at(problem: Problem, scenes: Sequence[Scene], beta: Array) -> Arr
         for on, signals in scenes:
             out[:, on] = problem.model.imbalances(constants, signals, blocks)[:, on]
     shift = problem.offset - level_shift(problem, beta)
-    return out + (shift if out.shape[1] == problem.K else np.tile(shift, 2)) if shift.any() else out
+    out = out + (shift if out.shape[1] == problem.K else np.tile(shift, 2)) if shift.any() else out
+    return out - moved(problem, scenes[0][1]) if problem.follows else out
+
+
+def moved(problem: Problem, s: Signals) -> Array:
+    """Return how what a healthy engine leaves changes with signals that are not what was recorded, shape (B, 2K)."""
+    out, recorded = np.zeros((len(problem.shown), 2 * problem.K)), problem.signals
+    for name, (by_value, by_rate) in problem.follows.items():
+        if s.value[name] is not recorded.value[name]:
+            out += np.tile(by_value, 2) * (s[name] - recorded[name])
+        if s.rate[name] is not recorded.rate[name]:
+            out += np.tile(by_rate, 2) * (s.rate[name] - recorded.rate[name])
+    return out
 
 
 def level_shift(problem: Problem, beta: Array) -> Array:
@@ -140,6 +152,8 @@ def curvature_bias(problem: Problem, scenes: Sequence[Scene], beta: Array, each:
         lacks=middle(s.lacks),
     )
     shift = problem.offset - level_shift(problem, beta)
+    if problem.follows:
+        shift = shift - middle(moved(problem, s))
     return np.asarray(problem.model.imbalances(s.constants, mean, None) + shift - middle(each))
 
 

@@ -47,7 +47,7 @@ def instants_of(model: ResidualModel, logs: Sequence[Log], wide: float) -> Place
     apart = int(np.ceil(2.0 * max(view.half_width for view in views) / spacing))
     time = np.concatenate([view.time - log.time[0] for log, view in zip(logs, views, strict=True)])
     of_log = np.repeat(np.arange(len(logs)), [view.time.size for view in views])
-    signals = _joined(model, logs, views, time, time + starts(logs)[of_log])
+    signals = _joined(model, logs, views, wide * thresholds.WIDE, time, time + starts(logs)[of_log])
     return Places(time, of_log, spacing, signals, _transience(model, signals, apart), None)
 
 
@@ -144,7 +144,9 @@ def _halves(values: Array) -> Array:
     return np.concatenate([values[0], values[1]], axis=-1)
 
 
-def _joined(model: ResidualModel, logs: Sequence[Log], views: Sequence[_View], time: Array, clock: Array) -> Signals:
+def _joined(
+    model: ResidualModel, logs: Sequence[Log], views: Sequence[_View], half_width: float, time: Array, clock: Array
+) -> Signals:
     @lru_cache(maxsize=8)  # the fits ask for the same few shifts many times
     def later(shift: float) -> Array:
         seen = []
@@ -156,7 +158,7 @@ def _joined(model: ResidualModel, logs: Sequence[Log], views: Sequence[_View], t
     @lru_cache(maxsize=8)
     def slow(channel: str) -> Array:
         rates = [
-            at(log, log[channel][None], view.time, max(thresholds.WIDE, 2.0 * view.half_width))[1]
+            at(log, log[channel][None], view.time, max(half_width, 2.0 * view.half_width))[1]
             for log, view in zip(logs, views, strict=True)
         ]
         return np.asarray(_halves(np.concatenate(rates, axis=-1))[0])

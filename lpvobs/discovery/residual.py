@@ -67,6 +67,8 @@ class Problem(Places):
     lasting: Array  # (B, K) variance of a sum of model errors over that of as many independent ones; one where there are none
     patterns: Patterns  # what the errors of a healthy engine may look like
     seeming: Seeming = field(default_factory=Seeming)
+    # by channel, the derivatives of what a healthy engine leaves by its value and by its rate, (B, K)
+    follows: Mapping[str, tuple[Array, Array]] = field(default_factory=dict)
     held: "tuple[Term, ...]" = ()  # effects that are accounted for with fixed sizes
 
     @property
