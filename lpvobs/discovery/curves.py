@@ -19,16 +19,16 @@ from lpvobs.discovery.fit import linearised
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.places import averaged
 from lpvobs.discovery.residual import Term
-from lpvobs.discovery.thresholds import COST, CURVE_SIZES, KNOTS, LARGEST, MOST_LEVELS, RIDGE, SPACING
+from lpvobs.discovery.thresholds import COST, CURVE_SIZES, KNOTS, LARGEST, MOST_LEVELS, RIDGE
 from lpvobs.engines.curves import on_surface, values_at
 from lpvobs.engines.effects import Effect, Signals
 from lpvobs.engines.residual_model import ComponentCurve
 from lpvobs.records import Array
 
 
-def rate_of(values: Array) -> Array:
-    """Return the change per instant, averaged over a second."""
-    return np.asarray(np.gradient(averaged(values, SPACING)))
+def rate_of(values: Array, spacing: float) -> Array:
+    """Return the change per instant, averaged over a second; instants are a spacing [s] apart."""
+    return np.asarray(np.gradient(averaged(values, spacing)))
 
 
 def basis(values: Array) -> tuple[Array, Array]:
@@ -43,7 +43,7 @@ def shapes(linear: Linear) -> Iterator[tuple[str, str, Array]]:
     for name, values in linear.problem.auxiliary.items():
         yield name, "value", values
         if np.unique(values).size > MOST_LEVELS:
-            yield name, "rate", rate_of(values)
+            yield name, "rate", rate_of(values, linear.problem.spacing)
 
 
 def channel_candidates(linear: Linear) -> list[Candidate]:

@@ -200,4 +200,4 @@ def channel_at(log: Log, curve: Curve | Form, time: Array) -> Array:
     if curve.of == "value":
         return np.asarray(np.interp(time, log.time, recorded))
     grid = np.arange(log.time[0], log.time[-1] + SPACING, SPACING)
-    return np.asarray(np.interp(time, grid, rate_of(np.interp(grid, log.time, recorded)) / SPACING))
+    return np.asarray(np.interp(time, grid, rate_of(np.interp(grid, log.time, recorded), SPACING) / SPACING))

@@ -38,11 +38,9 @@ class Places:
     blocks: Blocks | None
 
 
-def instants_of(model: ResidualModel, logs: Sequence[Log], wide: float) -> Places:
-    """Return instants, each seen in two views, with their class of transience."""
-    spacing = thresholds.SPACING * max(
-        1.0, sum(lasting(log) for log in logs) / thresholds.SPACING / thresholds.MOST_INSTANTS
-    )
+def instants_of(model: ResidualModel, logs: Sequence[Log], wide: float, spacing: float) -> Places:
+    """Return instants, each seen in two views, with their class of transience; `spacing` [s] apart, farther on long drives."""
+    spacing = max(spacing, sum(lasting(log) for log in logs) / thresholds.MOST_INSTANTS)
     views = [_view(model, log, spacing, wide * thresholds.HALF_WIDTH) for log in logs]
     apart = int(np.ceil(2.0 * max(view.half_width for view in views) / spacing))
     time = np.concatenate([view.time - log.time[0] for log, view in zip(logs, views, strict=True)])

@@ -65,8 +65,9 @@ def refine(
         model, prior = healthy.unchanged(model), unmoved(prior)
 
     def lay(these: Sequence[Log]) -> Problem:
-        laid = lay_out(model, grid, prior, these)
-        return laid if healthy is None else healthy.taken_off(laid)
+        if healthy is None:
+            return lay_out(model, grid, prior, these)
+        return healthy.taken_off(lay_out(model, grid, prior, these, spacing=healthy.spacing))
 
     problem = lay(logs)
     terms = tuple(term_on(known_effect, problem, logs) for known_effect in known)

@@ -245,11 +245,15 @@ def lay_out(
     logs: Sequence[Log],
     coarse: float = thresholds.COARSE,
     wide: float = 1.0,
+    spacing: float = thresholds.SPACING,
 ) -> Problem:
-    """Return the problem of one or more logs; raises DataError if a log has no stretch that is long enough."""
+    """Return the problem of one or more logs; raises DataError if a log has no stretch that is long enough.
+
+    Instants are `spacing` [s] apart, through windows `wide` times as wide as usual.
+    """
     model = replace(model, units={name: unit for log in logs for name, unit in log.units.items()} | dict(model.units))
     logs = [with_followers(model.followers, log) for log in logs]
-    places = (blocks_of_logs if model.blocks else instants_of)(model, logs, wide)
+    places = blocks_of_logs(model, logs, wide) if model.blocks else instants_of(model, logs, wide, spacing)
     length = max(
         thresholds.BLOCK,
         np.ceil(places.time.size * places.step / thresholds.MOST_BLOCKS / thresholds.BLOCK) * thresholds.BLOCK,
@@ -286,7 +290,7 @@ def lay_out(
         used=used,
         judged=judged,
         flow=1.0 if model.unit == "kg/s" else float(np.mean(np.maximum(places.signals[SENSOR], 0.0))),
-        wider=lambda: lay_out(model, grid, prior, logs, coarse, thresholds.WIDER).with_all(),
+        wider=lambda: lay_out(model, grid, prior, logs, coarse, thresholds.WIDER, spacing).with_all(),
         lasting=np.ones(shown.shape),
         patterns=Patterns((np.zeros((0, shown.shape[1])),) * len(shown)),
         offset=np.zeros(shown.shape) if model.beyond is None else model.beyond(logs, places.signals, places.blocks),

@@ -10,6 +10,7 @@ import numpy as np
 import scipy
 
 from lpvobs.discovery import thresholds
+from lpvobs.discovery.companions import own_share
 from lpvobs.discovery.course_choice import cancels, comes_and_goes, sharpened, timed_again
 from lpvobs.discovery.courses import FactorSurface
 from lpvobs.discovery.evidence import Candidate, dated_again, elsewhere_of, fit_candidate, in_place
@@ -221,7 +222,7 @@ def chance_of_nothing(first: Linear, ranking: Sequence[Candidate]) -> float:
 def _predicts_better(before: Linear, after: Linear) -> bool:
     """Return whether the new effect explains enough of what is above noise in blocks that it was not fitted to.
 
-    Where healthy drives tell, noise is not taken off, and the new effect must bring more than what the others leave because the
+    Where healthy drives tell, noise is not taken off, and the new effect must be more than what the others leave because the
     catalogue has not quite their shape.
     """
     losses = cross_validated(refit(after, before.terms), after)
@@ -229,14 +230,18 @@ def _predicts_better(before: Linear, after: Linear) -> bool:
     if not len(after.problem.patterns):
         above = float(losses.before.sum()) - noise_power(after, losses.counted)
         return bool(gained > thresholds.MATTERS * max(above, 0.0))
-    if gained <= thresholds.MATTERS_LEARNED * float(losses.before.sum()):
+    if not before.terms:
+        return bool(gained > thresholds.MATTERS_LEARNED * float(losses.before.sum()))
+    last = len(after.terms) - 1
+    if gained <= thresholds.MATTERS_BESIDE * float(losses.before.sum()) or any(
+        cancels(after, i, last) for i in range(last)
+    ):
         return False
-    nothing = cross_validated(refit(after, ()), after) if before.terms else losses
-    explained = float((nothing.before - nothing.after).sum()) - gained
-    opposed = any(cancels(after, i, len(after.terms) - 1) for i in range(len(before.terms)))
-    # One effect takes about half of what a shape leaves; a channel or a formula has the shape that came first, no cause's own.
-    unlisted = any(term.effect.id.startswith(("channel:", PREFIX)) for term in before.terms)
-    return bool(gained > (1.0 if unlisted else 0.5) * thresholds.SHAPE**2 * explained and not opposed)
+    if any(term.effect.id.startswith(("channel:", PREFIX)) for term in before.terms):
+        # a channel or a formula has the shape that came first, no cause's own
+        nothing = cross_validated(refit(after, ()), after)
+        return gained > thresholds.SHAPE**2 * (float((nothing.before - nothing.after).sum()) - gained)
+    return own_share(after, last) > thresholds.OWN
 
 
 def _is_remainder(candidate: Candidate, accepted: Sequence[Candidate], problem: Problem) -> bool:
