@@ -68,7 +68,6 @@ class HealthyDrive:
     late: Annotated[Array, Item("1", "the same where it acts from the middle of a drive on", ("effect",))]
     beyond: Annotated[Array, Item("1", "variance of its size over that of noise, by independent residual", ("effect",))]
     common: Annotated[float, Item("1", "the same of all effects together")] = 0.0
-    alike: Annotated[float, Item("1", "drives that this counts as beside those that show one effect")] = 0.0
     uneven: Annotated[
         float, Item("1", "largest variance over blocks of the score of an effect, over that of noise")
     ] = 1.0
@@ -155,7 +154,7 @@ class HealthyDrive:
         known = [effect for effect in problem.catalogue if effect.id in each]
         in_place = {effect.place: [each[e.id] for e in known if e.place == effect.place] for effect in known}
         places = {place: float(np.mean(own)) for place, own in in_place.items()}
-        return Seeming(whole, late, each, places, self.common, self.uneven, len(self.logs) + self.alike)
+        return Seeming(whole, late, each, places, self.common, self.uneven, len(self.logs) + thresholds.POOLED)
 
     def _slow(self, problem: Problem, features: Array, b: int, wider: Array) -> Array:
         """Return what the slow error of a balance may look like, independent and of unit size, as far as data tell, (m, K)."""

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import scipy
 
 from lpvobs.discovery import thresholds
 from lpvobs.discovery.evidence import elsewhere_of, first_order
@@ -34,32 +33,24 @@ def learned(model: ResidualModel, grid: Grid, prior: MapPrior, logs: Sequence[Lo
         uneven.append(elsewhere_of(linear))
     effects = tuple(effect for effect in seen_by[0] if all(effect in each for each in seen_by))
     scores = np.array([[each[effect] for effect in effects] for each in seen_by])
-    whole, beyond, alike = beyond_noise(*scores[:, :, 0].transpose(2, 0, 1))
-    from_middle, beyond_late, alike_late = beyond_noise(*scores[:, :, 1].transpose(2, 0, 1))
+    (whole, beyond), (from_middle, beyond_late) = (beyond_noise(*scores[:, :, i].transpose(2, 0, 1)) for i in (0, 1))
     beyond = np.maximum(beyond, beyond_late) / float(np.mean(data))
+    common = float(beyond.mean())
     return replace(
-        found, effects=effects, whole=whole, late=from_middle, beyond=beyond, common=float(beyond.mean()),
-        alike=min(alike, alike_late), uneven=max(uneven),
-    )  # fmt: skip
+        found, effects=effects, whole=whole, late=from_middle, beyond=beyond, common=common, uneven=max(uneven)
+    )
 
 
-def beyond_noise(gradient: Array, information: Array) -> tuple[Array, Array, float]:
-    """Return the standard deviation of each effect's size that noise does not explain, its variance over that of noise, `alike`.
+def beyond_noise(gradient: Array, information: Array) -> tuple[Array, Array]:
+    """Return the standard deviation of each effect's size that noise does not explain, and its variance over that of noise.
 
-    Both arguments have shape (drives, effects). A few drives show little of one effect. So its variance counts beside a common one,
-    as that of `alike` further drives: the more, the less the effects differ (empirical Bayes: Smyth 2004, Sec. 3 and 6.2).
+    Both arguments have shape (drives, effects). A few drives show little of one effect: what all effects together vary by, in units
+    of their noise, counts as `POOLED` further drives.
     """
-    seen = information > 0.0
-    known = np.where(seen, information, np.inf)
-    n, variance = len(gradient), (gradient**2 / known).mean(0)
-    # less than noise alone leaves once in a hundred times is what the day's levels have taken
-    least = scipy.stats.chi2.ppf(0.01, n) / n
-    logs = np.log(np.maximum(variance[seen.any(0)], least)) - scipy.special.digamma(0.5 * n) + np.log(0.5 * n)
-    differ = float(logs.var(ddof=1) - scipy.special.polygamma(1, 0.5 * n)) if logs.size > 1 else 0.0
-    most = thresholds.POOLED
-    alike = most
-    if differ > scipy.special.polygamma(1, 0.5 * most):
-        alike = 2.0 * scipy.optimize.brentq(lambda x: scipy.special.polygamma(1, x) - differ, 1e-3, 0.5 * most)
-    common = float(np.exp(logs.mean() + scipy.special.digamma(0.5 * alike) - np.log(0.5 * alike)))
-    found = np.maximum((n * variance + alike * common) / (n + alike) - 1.0, 0.0)
-    return np.sqrt(found * (1.0 / known).mean(0)), found, alike
+    known = np.where(information > 0.0, information, np.inf)
+    beyond = gradient**2 / known - 1.0
+    common = max(float(beyond[information > 0.0].mean()), 0.0)
+    own = np.maximum(beyond.mean(0), 0.0)
+    n, pooled = len(beyond), thresholds.POOLED
+    found = np.maximum(own, (n * own + pooled * common) / (n + pooled))
+    return np.sqrt(found * (1.0 / known).mean(0)), found

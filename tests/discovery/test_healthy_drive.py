@@ -202,7 +202,7 @@ def test_what_changes_along_healthy_drives_is_no_step(plant, config, prior, clea
     changing, whole = [drive("a", 0.02), drive("b", -0.02)], [drive("a", 0.01, 0.01), drive("b", -0.01, -0.01)]
     found = [learned(plant, grid, prior, logs) for logs in (changing, whole)]
     gain = found[0].effects.index("maf.gain")
-    assert found[0].late[gain] == pytest.approx(0.02, rel=0.25)  # what the function takes up is the rest
+    assert found[0].late[gain] == pytest.approx(0.02, rel=0.05)  # what the function takes up is the rest
     effect, steps = plant.effect("maf.gain"), []
     for each in found:
         problem = each.taken_off(lay_out(each.unchanged(plant), grid, unmoved(prior), [drive("c", 0.04)]))
@@ -219,31 +219,17 @@ def test_noise_of_a_size_is_no_variation_of_the_engine():
     rng = np.random.default_rng(3)
     information = np.tile([4.0, 1e6, 0.0], (400, 1))
     size = rng.standard_normal(information.shape) / np.sqrt(np.maximum(information, 1e-9))
-    found, beyond, _ = beyond_noise(information * size, information)
+    found, beyond = beyond_noise(information * size, information)
     assert beyond.max() < 0.2  # the mean of 400 squares of variance two sways by 0.07
     assert (found[:2] < 0.35 / np.sqrt(information[0, :2])).all()
     assert found[2] == 0.0  # nothing is known of its size
     varying = size + 3.0 * rng.standard_normal(information.shape) / np.sqrt(np.maximum(information, 1e-9))
-    found, beyond, _ = beyond_noise(information * varying, information)
+    found, beyond = beyond_noise(information * varying, information)
     np.testing.assert_allclose(found[:2] * np.sqrt(information[0, :2]), 3.0, rtol=0.15)
     np.testing.assert_allclose(beyond[:2], 9.0, rtol=0.3)
-    quiet = 3.0 * rng.standard_normal((3, 12)) * np.array([0.0, *[1.0] * 11])
-    _, few, alike = beyond_noise(quiet, np.ones((3, 12)))  # what one effect hides on three drives, the others show
+    quiet = (information * varying * np.array([0.0, 1.0, 1.0]))[:3]
+    _, few = beyond_noise(quiet, information[:3])  # what one effect hides on three drives, the others show
     assert few[0] > 0.1  # zero by itself
-    assert alike > 1.0
-
-
-@pytest.mark.parametrize("differ", [2.0, 4.0])
-def test_effects_that_vary_alike_tell_of_each_other(differ):
-    """Variances are drawn as one over chi-square with so many degrees: these are found, and each variance is better known."""
-    rng, information = np.random.default_rng(4), np.ones((6, 3000))
-    variance = 20.0 * differ / rng.chisquare(differ, 3000)
-    size = np.sqrt(variance) * rng.standard_normal((6, 3000))
-    found, beyond, alike = beyond_noise(size, information)
-    assert alike == pytest.approx(differ, rel=0.25)
-    np.testing.assert_allclose(found**2, beyond)
-    left = [np.mean(np.log(each / variance) ** 2) for each in (beyond + 1.0, (size**2).mean(0))]
-    assert left[0] < 0.8 * left[1]
 
 
 def test_what_lasts_shorter_than_half_a_drive_varies_more(healthy, plant, config, prior, other):
