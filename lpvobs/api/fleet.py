@@ -29,14 +29,16 @@ from lpvobs.io.results.results import LogSummary, summary_of
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import Metrics, compare_pieces
 from lpvobs.observer.balance_agreement import Watched, judged
-from lpvobs.observer.disagreement import Agreement, agreements
+from lpvobs.observer.disagreement import Agreement, Difference, agreements, difference
 from lpvobs.observer.estimate import PASSES, MapEstimate, Point, merged
+from lpvobs.observer.information import Solution
 from lpvobs.observer.log_run import Beginning
 from lpvobs.observer.parts import LogInformation, StateGain, inform
 from lpvobs.records import Array, Recording
 
 OPENING, OPENING_SECONDS = 4, 1800.0
 """Logs, first by name, and [s] of each, that show where the engine is linearised: they are gone through more than once."""
+TOGETHER = 25  # logs whose differences from the map of all are found in one task
 OPENING_SHARE, PARTS_SHARE = 0.3, 0.6
 """Shares of the progress for these, and for the parts of all logs; the rest compares the map with references."""
 
@@ -97,6 +99,23 @@ def in_order(
     for sha256 in sorted(found):
         stored = read(sha256)
         yield replace(stored.part, run=replace(stored.part.run, name=found[sha256])), stored
+
+
+def differences(
+    read: Callable[[str], StoredPart], common: Solution, prior: float, found: Mapping[str, str]
+) -> list[Difference]:
+    """Return how each of some logs differs from the map of all."""
+    return [difference(common, part, prior) for part, _ in in_order(read, found)]
+
+
+def apart(
+    workers: Workers, found: Mapping[str, str], differing: Callable[[Mapping[str, str]], list[Difference]]
+) -> list[Difference]:
+    """Return how each log differs from the map of all, in the order of their digests."""
+    logs = sorted(found.items())
+    groups = [dict(logs[i : i + TOGETHER]) for i in range(0, len(logs), TOGETHER)]
+    here = workers if workers.scheduler is None else Workers()  # other machines do not see the parts
+    return [each for _, group in sorted(here.finished(differing, groups)) for each in group]
 
 
 def begun(before: KnownEngine, gain: StateGain, workers: Workers) -> PartTask:
@@ -164,8 +183,7 @@ def estimate_fleet(
         doubts = doubting.doubts(estimate)
         agreed: tuple[float, tuple[Agreement, ...]] = (float("nan"), ())
         if len(found) > 1:
-            parts_again = (part for part, _ in in_order(read, called))
-            agreed = agreements(solution, parts_again, config.estimate.prior_map)
+            agreed = agreements(apart(workers, called, partial(differences, read, solution, config.estimate.prior_map)))
         units = {axis.channel: air_path.channels[axis.channel].unit for axis in air_path.axes}
         judging = partial(compared, grid, estimate.theta, units)
         known = [(sha256, path, kept[sha256]) for sha256, path in found.items() if has_references(path)]

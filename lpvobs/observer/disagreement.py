@@ -8,7 +8,7 @@ its nodes, in which the scatter averages out and a sensor that has drifted does 
 that has moved. A minority of bad logs moves neither the median nor the spread by which all are judged.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -47,7 +47,7 @@ class Agreement:
 
 
 @dataclass(frozen=True)
-class _Difference:
+class Difference:
     """A log's difference from the common map along the axes of its covariance."""
 
     name: str
@@ -58,6 +58,7 @@ class _Difference:
     mean_variance: float
 
     def chi_square(self, scatter: float) -> float:
+        """Return the squared difference over its variance; NaN where nothing can be compared."""
         return float(np.sum(self.squares / (self.variances + scatter))) if self.squares.size else float("nan")
 
     def height(self, scatter: float) -> float:
@@ -66,15 +67,8 @@ class _Difference:
         return float(np.log(np.maximum(self.chi_square(scatter) / free, np.finfo(float).tiny)))
 
 
-def agreements(
-    common: Solution, parts: Iterable[LogInformation], prior_map: float
-) -> tuple[float, tuple[Agreement, ...]]:
-    """Return the scatter between logs [kg/s], one standard deviation of a node, and every log's agreement.
-
-    `common` is the map of all logs together, and the engine; `parts` are the logs that made it, each looked at once;
-    `prior_map` [kg/s] is the standard deviation of a node before any data.
-    """
-    found = [_difference(common, part, prior_map) for part in parts]
+def agreements(found: Sequence[Difference]) -> tuple[float, tuple[Agreement, ...]]:
+    """Return the scatter between logs [kg/s], one standard deviation of a node, and every log's agreement."""
     scatter = _scatter([item for item in found if item.squares.size])
     chi = _beyond(np.array([item.height(scatter) for item in found]), np.full(len(found), LEAST_SPREAD))
     errors = np.array([np.sqrt(item.mean_variance + scatter / max(item.nodes, 1)) for item in found])
@@ -95,7 +89,8 @@ def _beyond(values: Array, least: Array) -> Array:
     return np.asarray(away / np.maximum(1.4826 * np.median(np.abs(away[np.isfinite(away)])), least))
 
 
-def _difference(common: Solution, part: LogInformation, prior: float) -> _Difference:
+def difference(common: Solution, part: LogInformation, prior: float) -> Difference:
+    """Return how a log differs from the map of all logs and the engine; `prior` [kg/s] is that of a node before any data."""
     layout, engine = common.layout, common.engine
     # What lasts is in all logs alike: noise alone sets one apart.
     normal = np.einsum("ab,abij->ij", np.linalg.inv(common.fast), part.products)
@@ -112,7 +107,7 @@ def _difference(common: Solution, part: LogInformation, prior: float) -> _Differ
     answers = own_answers - common.response[nodes]
     chosen = np.flatnonzero((np.diag(own) < (INFORMED * prior) ** 2) & (np.diag(noise) > LEAST_VARIANCE * np.diag(own)))
     if not chosen.size:
-        return _Difference(part.run.name, 0, np.empty(0), np.empty(0), float("nan"), float("nan"))
+        return Difference(part.run.name, 0, np.empty(0), np.empty(0), float("nan"), float("nan"))
     away = (theta - common.theta[nodes])[chosen]
     inner = np.ix_(chosen, chosen)
     covariance = noise[inner] + (answers @ common.covariance[engine, engine] @ answers.T)[inner]
@@ -120,10 +115,10 @@ def _difference(common: Solution, part: LogInformation, prior: float) -> _Differ
     kept = variances > LEAST_VARIANCE * np.median(variances)
     squares = ((axes.T @ away) ** 2)[kept]
     spread = float(covariance.sum() / chosen.size**2)
-    return _Difference(part.run.name, chosen.size, squares, variances[kept], float(away.mean()), spread)
+    return Difference(part.run.name, chosen.size, squares, variances[kept], float(away.mean()), spread)
 
 
-def _scatter(found: Sequence[_Difference]) -> float:
+def _scatter(found: Sequence[Difference]) -> float:
     """Return the variance that brings the median of chi-square per degree of freedom down to one; zero if it is below."""
 
     def middle(scatter: float) -> float:

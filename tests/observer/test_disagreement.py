@@ -7,13 +7,13 @@ import pytest
 from reference.drives import noisy
 from reference.informing import informed, solved
 
-from lpvobs.observer.disagreement import agreements
+from lpvobs.observer.disagreement import agreements, difference
 
 
 def judged(air_path, grid, gain, settings, logs):
     parts = [informed(air_path, grid, gain, log, settings) for log in logs]
     _, solution = solved(air_path, grid, settings, parts)
-    return agreements(solution, parts, settings.prior_map)
+    return agreements([difference(solution, part, settings.prior_map) for part in parts])
 
 
 def with_gain(log, factor):

@@ -6,7 +6,7 @@ import pytest
 from lpvobs.engines.unknowns import unknowns_of
 from lpvobs.maps.grid import Grid
 from lpvobs.observer import disagreement, information
-from lpvobs.observer.disagreement import agreements
+from lpvobs.observer.disagreement import agreements, difference
 from lpvobs.observer.information import NO_LEVEL, Errors, Prior, Solution
 from lpvobs.observer.log_run import LogRun
 from lpvobs.observer.parts import LogInformation, added_up
@@ -58,7 +58,7 @@ def found(parts):
     noise, answers = state.map_alone(errors)
     mean[:9] = noise @ state.normal(errors)[:9, LAYOUT.z]
     common = Solution(LAYOUT, mean, covariance, noise, answers[:, :1], answers[:, 1:], errors, S, noise, ())
-    scatter, verdicts = agreements(common, parts, PRIOR)
+    scatter, verdicts = agreements([difference(common, part, PRIOR) for part in parts])
     return common, scatter, verdicts
 
 
