@@ -11,7 +11,8 @@ import numpy as np
 from lpvobs.discovery import thresholds
 from lpvobs.discovery.evidence import elsewhere_of, first_order
 from lpvobs.discovery.fit import fit
-from lpvobs.discovery.healthy_drive import HealthyDrive, learned_from, unmoved
+from lpvobs.discovery.healthy_drive import HealthyDrive, unmoved
+from lpvobs.discovery.healthy_learning import learned_from
 from lpvobs.discovery.residual import MapPrior, lay_out
 from lpvobs.engines.residual_model import ResidualModel
 from lpvobs.maps.grid import Grid

@@ -10,7 +10,8 @@ import scipy
 from lpvobs.discovery import evidence
 from lpvobs.discovery.evidence import fit_candidate
 from lpvobs.discovery.fit import fit
-from lpvobs.discovery.healthy_drive import _learned, _likeliest, _scales, _told, learned_from, unmoved
+from lpvobs.discovery.healthy_drive import unmoved
+from lpvobs.discovery.healthy_learning import _learned, _likeliest, _scales, _told, learned_from
 from lpvobs.discovery.healthy_sizes import beyond_noise, learned
 from lpvobs.discovery.imbalances import curvature_bias, imbalances_at, moved, operating_nodes, residual_of, scenes_with
 from lpvobs.discovery.refine import refine
