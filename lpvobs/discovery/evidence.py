@@ -136,7 +136,7 @@ def fit_candidate(
         # Where the derivative is noise, as near the stall of the compressor, the effect may be told at twice the size.
         step = -gradient / information if _is_clear(linear, slope, information) else size - effect.null
         new = float(np.clip(size + step, effect.low, effect.high))
-        if abs(new - size) * np.sqrt(information) < 1e-2:
+        if information > 0.0 and abs(new - size) * np.sqrt(information) < 1e-2:
             break
         size = new
     return _judged(linear, replace(term, size=best[1]), best[0], *best[2:])
