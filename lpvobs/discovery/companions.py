@@ -1,12 +1,19 @@
-"""Whether an effect beside others is one of its own, or what is left of them because the catalogue has not quite their shape."""
+"""Whether an effect beside others is a cause of its own, or what they leave: of a pause, or of a shape that is not quite theirs."""
 
 import numpy as np
 
-from lpvobs.discovery.fit import refit
-from lpvobs.discovery.linear import Linear, residual_with
+from lpvobs.discovery.fit import without
+from lpvobs.discovery.linear import Linear, changed_by, dot
 from lpvobs.discovery.residual import Problem
 from lpvobs.discovery.thresholds import SHAPE, STANDS
 from lpvobs.records import Array
+
+
+def cancels(linear: Linear, one: int, other: int) -> bool:
+    """Return whether one term, while it acts, changes the residual nearer to opposite to the other than to perpendicular."""
+    a, b = (linear.whiten(changed_by(linear, i)) for i in (one, other))
+    b = b * np.any(a != 0.0, axis=(0, 1))
+    return bool(dot(a, b) < -np.sqrt(0.5 * max(dot(a, a) * dot(b, b), 0.0)))
 
 
 def own_share(linear: Linear, index: int) -> float:
@@ -14,13 +21,11 @@ def own_share(linear: Linear, index: int) -> float:
 
     What another term changes may be off, in all balances alike, by a share of `SHAPE` rms that is smooth in the channels.
     """
-    problem, terms = linear.problem, linear.terms
-    whole = residual_with(linear, terms)
-    changes = [whole - residual_with(linear, [t for t in terms if t is not term]) for term in terms]
-    smooth = _smooth(problem)
-    bent = [linear.whiten(change * each) for i, change in enumerate(changes) if i != index for each in smooth]
-    others = refit(linear, [*terms[:index], *terms[index + 1 :]])
-    gradient, information = others.beside(np.stack([*bent, linear.whiten(changes[index])]))
+    smooth, others = _smooth(linear.problem), [i for i in range(len(linear.terms)) if i != index]
+    changes = [changed_by(linear, i) for i in others]
+    bent = [linear.whiten(change * each) for change in changes for each in smooth]
+    own = linear.whiten(changed_by(linear, index))
+    gradient, information = without(linear, index).beside(np.stack([*bent, own]))
     known = information[:-1, :-1] + np.eye(len(bent)) * len(smooth) / SHAPE**2
     taken = np.linalg.solve(known, np.stack([gradient[:-1], information[:-1, -1]], axis=1))
     left, told = np.array([gradient[-1], information[-1, -1]]) - information[-1, :-1] @ taken

@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from lpvobs.compiled import njit
 from lpvobs.discovery import thresholds
+from lpvobs.discovery.companions import cancels
 from lpvobs.discovery.courses import GRADED, TracedCourse, can_be_graded, hystereses, in_time, lags, near, on_course
 from lpvobs.discovery.curves import channel_candidates
 from lpvobs.discovery.evidence import Candidate, fit_candidate, penalty, score, slope_of
-from lpvobs.discovery.linear import Linear, dot, residual_with
+from lpvobs.discovery.linear import Linear, residual_with
 from lpvobs.discovery.ranking import least_gain
 from lpvobs.discovery.residual import Problem, Term
 from lpvobs.engines.effects import Effect
@@ -198,17 +199,6 @@ def comes_and_goes(linear: Linear, index: int) -> bool:
     total = np.concatenate([[0.0], np.cumsum(gain)])
     one = float((total - np.minimum.accumulate(total)).max())
     return float(gain[acting].sum()) > one + least_gain(linear.problem)
-
-
-def cancels(linear: Linear, one: int, other: int) -> bool:
-    """Return whether one term, while it acts, changes the residual nearer to opposite to the other than to perpendicular."""
-    whole = residual_with(linear, linear.terms)
-    a, b = (
-        linear.whiten(whole - residual_with(linear, [t for i, t in enumerate(linear.terms) if i != j]))
-        for j in (one, other)
-    )
-    b = b * np.any(a != 0.0, axis=(0, 1))
-    return bool(dot(a, b) < -np.sqrt(0.5 * max(dot(a, a) * dot(b, b), 0.0)))
 
 
 def _switched_on(gain: Array) -> NDArray[np.bool_]:

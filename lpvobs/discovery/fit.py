@@ -112,6 +112,11 @@ def refit(linear: Linear, terms: Sequence[Term]) -> Linear:
     return converged(linearised(linear.problem, tuple(terms), *start, near=linear))
 
 
+def without(linear: Linear, index: int) -> Linear:
+    """Return the model without one of its terms, at its optimum, with the weights of this one."""
+    return refit(linear, [*linear.terms[:index], *linear.terms[index + 1 :]])
+
+
 def objective(linear: Linear) -> float:
     """Return half the sum of squares of a model at its point, priors included."""
     problem = linear.problem

@@ -28,18 +28,16 @@ def learned(model: ResidualModel, grid: Grid, prior: MapPrior, logs: Sequence[Lo
     for log, seen in zip(logs, without or [found], strict=True):
         laid = seen.taken_off(lay_out(seen.unchanged(model), grid, unmoved(prior), [log], spacing=seen.spacing))
         linear, middle = fit(laid, passes=2), 0.5 * float(laid.clock[0] + laid.clock[-1])
-        late = (middle, np.inf)
-        seen_by.append({effect.id: first_order(linear, effect, (-np.inf, np.inf), late) for effect in laid.catalogue})
+        spans = (-np.inf, np.inf), (middle, np.inf)
+        seen_by.append({effect.id: first_order(linear, effect, *spans) for effect in laid.catalogue})
         data.append(laid.data)
         uneven.append(elsewhere_of(linear))
     effects = tuple(effect for effect in seen_by[0] if all(effect in each for each in seen_by))
     scores = np.array([[each[effect] for effect in effects] for each in seen_by])
-    (whole, beyond), (from_middle, beyond_late) = (beyond_noise(*scores[:, :, i].transpose(2, 0, 1)) for i in (0, 1))
+    (whole, beyond), (late, beyond_late) = (beyond_noise(*scores[:, :, i].transpose(2, 0, 1)) for i in (0, 1))
     beyond = np.maximum(beyond, beyond_late) / float(np.mean(data))
     common = float(beyond.mean())
-    return replace(
-        found, effects=effects, whole=whole, late=from_middle, beyond=beyond, common=common, uneven=max(uneven)
-    )
+    return replace(found, effects=effects, whole=whole, late=late, beyond=beyond, common=common, uneven=max(uneven))
 
 
 def beyond_noise(gradient: Array, information: Array) -> tuple[Array, Array]:

@@ -64,9 +64,13 @@ def imbalances_at(problem: Problem, scenes: Sequence[Scene], beta: Array) -> Arr
         out = np.zeros((len(problem.model.balances), problem.K))
         for on, signals in scenes:
             out[:, on] = problem.model.imbalances(constants, signals, blocks)[:, on]
-    shift = problem.offset - level_shift(problem, beta)
-    out = out + (shift if out.shape[1] == problem.K else np.tile(shift, 2)) if shift.any() else out
-    return out - moved(problem, scenes[0][1]) if problem.follows else out
+    return np.asarray(out + shift(problem, scenes[0][1], beta))
+
+
+def shift(problem: Problem, s: Signals, beta: Array) -> Array:
+    """Return what is added to the balances at all columns of the signals, shape (B, C)."""
+    out = problem.offset - level_shift(problem, beta)
+    return out if problem.blocks is not None else np.tile(out, 2) - moved(problem, s)
 
 
 def moved(problem: Problem, s: Signals) -> Array:
@@ -151,10 +155,9 @@ def curvature_bias(problem: Problem, scenes: Sequence[Scene], beta: Array, each:
         rate={name: middle(x) for name, x in s.rate.items()},
         lacks=middle(s.lacks),
     )
-    shift = problem.offset - level_shift(problem, beta)
-    if problem.follows:
-        shift = shift - middle(moved(problem, s))
-    return np.asarray(problem.model.imbalances(s.constants, mean, None) + shift - middle(each))
+    return np.asarray(
+        problem.model.imbalances(s.constants, mean, None) + middle(shift(problem, s, beta)) - middle(each)
+    )
 
 
 def operating_nodes(problem: Problem, scenes: Sequence[Scene]) -> Nodes:

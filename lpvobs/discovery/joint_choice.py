@@ -13,7 +13,7 @@ from lpvobs.discovery.course_choice import best_course, finer, fit_course, sharp
 from lpvobs.discovery.courses import GRADED, FactorSurface, can_be_graded
 from lpvobs.discovery.curves import surface_again
 from lpvobs.discovery.evidence import Candidate, best_first, fit_candidate, in_place, loss_of, score, with_best_interval
-from lpvobs.discovery.fit import fit, objective, refit
+from lpvobs.discovery.fit import fit, objective, refit, without
 from lpvobs.discovery.form_search import Inside, with_inside
 from lpvobs.discovery.forms import PREFIX
 from lpvobs.discovery.known_effects import NINETY
@@ -22,12 +22,6 @@ from lpvobs.discovery.ranking import chance, is_proven, rank, rank_in
 from lpvobs.discovery.residual import Problem, Term
 from lpvobs.discovery.thresholds import ADVANTAGE, CLOSE, PASSES, SHAPE, SHORTLIST, TIE
 from lpvobs.engines.effects import Effect
-
-
-def without(linear: Linear, index: int) -> Linear:
-    """Return the model without one of its effects."""
-    terms = tuple(t for i, t in enumerate(linear.terms) if i != index)
-    return refit(linear, terms)
 
 
 def choose_again(linear: Linear, candidate: Candidate) -> tuple[Candidate, Linear]:

@@ -163,6 +163,12 @@ def residual_with(linear: Linear, terms: Sequence[Term]) -> Array:
     return residual_of(problem, scenes, linear.beta, linear.theta, operating_nodes(problem, scenes))
 
 
+def changed_by(linear: Linear, index: int) -> Array:
+    """Return how one of the terms changes the residual, shape (2, B, K), not whitened."""
+    terms = linear.terms
+    return residual_with(linear, terms) - residual_with(linear, [*terms[:index], *terms[index + 1 :]])
+
+
 @njit(cache=True)
 def scatter(out, block, nodes, weights, values):  # type: ignore[no-untyped-def]
     """Add values to the nodes of their cells, block by block."""

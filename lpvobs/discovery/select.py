@@ -10,16 +10,16 @@ import numpy as np
 import scipy
 
 from lpvobs.discovery import thresholds
-from lpvobs.discovery.companions import own_share
-from lpvobs.discovery.course_choice import cancels, comes_and_goes, sharpened, timed_again
+from lpvobs.discovery.companions import cancels, own_share
+from lpvobs.discovery.course_choice import comes_and_goes, sharpened, timed_again
 from lpvobs.discovery.courses import FactorSurface
 from lpvobs.discovery.evidence import Candidate, dated_again, elsewhere_of, fit_candidate, in_place
-from lpvobs.discovery.fit import fit, objective, refit
+from lpvobs.discovery.fit import fit, objective, refit, without
 from lpvobs.discovery.form_search import beside_forms, best_forms
 from lpvobs.discovery.forms import PREFIX
 from lpvobs.discovery.held_out import Losses, compare, cross_validated, noise_power
 from lpvobs.discovery.intervals import standard_errors
-from lpvobs.discovery.joint_choice import Accepted, choose_again, choose_all_again, finished, without
+from lpvobs.discovery.joint_choice import Accepted, choose_again, choose_all_again, finished
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.ranking import best_of, chance, is_proven, is_relevant, uneven_share
 from lpvobs.discovery.residual import Problem, Term
@@ -230,18 +230,20 @@ def _predicts_better(before: Linear, after: Linear) -> bool:
     if not len(after.problem.patterns):
         above = float(losses.before.sum()) - noise_power(after, losses.counted)
         return bool(gained > thresholds.MATTERS * max(above, 0.0))
-    if not before.terms:
-        return bool(gained > thresholds.MATTERS_LEARNED * float(losses.before.sum()))
-    last = len(after.terms) - 1
-    if gained <= thresholds.MATTERS_BESIDE * float(losses.before.sum()) or any(
-        cancels(after, i, last) for i in range(last)
-    ):
+    matters = thresholds.MATTERS_BESIDE if before.terms else thresholds.MATTERS_LEARNED
+    return gained > matters * float(losses.before.sum()) and (not before.terms or _is_of_its_own(after, gained))
+
+
+def _is_of_its_own(linear: Linear, gained: float) -> bool:
+    """Return whether the newest effect is more than what the others leave; it gains so much in blocks not fitted to."""
+    *others, newest = range(len(linear.terms))
+    if any(cancels(linear, i, newest) for i in others):
         return False
-    if any(term.effect.id.startswith(("channel:", PREFIX)) for term in before.terms):
+    if any(linear.terms[i].effect.id.startswith(("channel:", PREFIX)) for i in others):
         # a channel or a formula has the shape that came first, no cause's own
-        nothing = cross_validated(refit(after, ()), after)
+        nothing = cross_validated(refit(linear, ()), linear)
         return gained > thresholds.SHAPE**2 * (float((nothing.before - nothing.after).sum()) - gained)
-    return own_share(after, last) > thresholds.OWN
+    return own_share(linear, newest) > thresholds.OWN
 
 
 def _is_remainder(candidate: Candidate, accepted: Sequence[Candidate], problem: Problem) -> bool:

@@ -72,6 +72,20 @@ def dense(log, common):
     return away, own - common.noise + 0.01**2 / 3 * np.outer(answer, answer)
 
 
+def test_sums_of_logs_that_know_other_cells_add_up():
+    parts = [part("a", 1, cells=(0, 1)), part("b", 2, cells=(1, 3)), part("c", 3)]
+    whole, windows, gram = np.zeros((LAYOUT.size, LAYOUT.size)), np.zeros(1), np.zeros((4, 4, 4))
+    for log in parts:
+        whole[np.ix_(log.columns, log.columns)] += log.products[0, 0]
+        windows += log.windows
+        gram[log.cells] += log.gram
+    total = added_up(GRID, LAYOUT, parts)
+    assert not np.array_equal(parts[0].columns, parts[1].columns)
+    np.testing.assert_array_equal(total.products[0, 0], whole)
+    np.testing.assert_array_equal(total.windows, windows)
+    np.testing.assert_array_equal(total.gram, gram)
+
+
 @pytest.mark.parametrize("scatter", [0.0, 5e-4])
 def test_differences_and_chi_square_are_the_dense_ones(scatter):
     parts = [part(name, seed, scatter=scatter) for seed, name in enumerate(NAMES)]
