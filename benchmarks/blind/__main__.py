@@ -8,6 +8,7 @@ folder; `--compare old` then lists every verdict that differs.
 import argparse
 import json
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Iterable
@@ -138,7 +139,10 @@ class Bank:
         paths = {name_of(case): folder / f"{name_of(case)}.json" for case in cases}
         if missing := [own for own, path in paths.items() if not path.exists()]:
             self._truth.unlink(missing_ok=True)
-            config = code / "configs" / self.engine.config
+            config = folder / self.engine.config
+            # A sensor drawn at 1.3 times its configured error reads 61 % wrong in town, which `estimate` refuses unless told.
+            given = (code / "configs" / self.engine.config).read_text(encoding="utf-8")
+            config.write_text(re.sub(r"(?m)^largest_error = [0-9.]+", "largest_error = 1.0", given), encoding="utf-8")
             call = [sys.executable, HERE / "judge.py", code, config, self.folder / part, folder, verb]
             shares = [missing[k :: self.jobs] for k in range(min(self.jobs, len(missing)))]
             _together([[*call, *share] for share in shares], code)
