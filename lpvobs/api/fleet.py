@@ -256,13 +256,29 @@ def outcomes_of(
     keep: Callable[[str, Left], None] | None,
     progress: Progress,
 ) -> dict[Task, LogOutcome[Left]]:
-    """Go through logs; what each leaves is handed to `keep`, and forgotten but for its digest."""
-    found: dict[Task, LogOutcome[Left]] = {}
-    for log, outcome in finished(workers, function, logs, progress):
-        if keep is not None and outcome.stored is not None:
-            keep(outcome.sha256, outcome.stored)
-        found[log] = outcome if keep is None else replace(outcome, stored=None)
-    return found
+    """Go through logs; what each leaves is handed to `keep`, and forgotten but for its digest.
+
+    Processes of this machine hand it over themselves; other machines do not see where it is kept.
+    """
+    if keep is None:
+        return dict(finished(workers, function, logs, progress))
+    if workers.scheduler is None:
+        function = partial(_and_kept, keep, function)
+    going = finished(workers, function, logs, progress)
+    return {log: _kept(keep, outcome) for log, outcome in going}
+
+
+def _and_kept(
+    keep: Callable[[str, Left], None], function: Callable[[Task], LogOutcome[Left]], log: Task
+) -> LogOutcome[Left]:
+    return _kept(keep, function(log))
+
+
+def _kept(keep: Callable[[str, Left], None], outcome: LogOutcome[Left]) -> LogOutcome[Left]:
+    """Hand over what a log leaves, if that is there and not handed over yet."""
+    if outcome.stored is not None:
+        keep(outcome.sha256, outcome.stored)
+    return replace(outcome, stored=None)
 
 
 def refuse_empty(estimate: MapEstimate) -> None:
