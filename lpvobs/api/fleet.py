@@ -4,7 +4,7 @@ The result does not depend on how many processes or machines took part, nor on w
 with the logs that it had not finished, see `lpvobs.io.results.parts`.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -146,7 +146,7 @@ def estimate_fleet(
     several = len(paths) > 1  # a single log leaves nothing to go on with: its part ends with the run
     with workers:
         task = begun(before, gain, workers)
-        task, outcomes = linearised(workers, task, sorted(paths, key=names.__getitem__), progress)
+        task, outcomes, merge = linearised(workers, task, sorted(paths, key=names.__getitem__), progress)
         engine = "" if before.calibrated is None else "".join(before.inputs.values())
         made_with = config_text + learned_digest(air_path) + engine
         folder = PartsFolder(out, run_key(made_with + repr(sorted(task.point.deviation.items())), gain), StoredPart)
@@ -178,7 +178,8 @@ def estimate_fleet(
                 kept[part.run.sha256] = stored.kept
                 yield part
 
-        estimate, solution = merged(grid, looked_at(), task.point)
+        no_others = found.keys() == {sha256 for sha256, stored in opened.items() if stored is not None}
+        estimate, solution = map_of(grid, looked_at(), task.point, merge if no_others else None)
         refuse_empty(estimate)
         doubts = doubting.doubts(estimate)
         agreed: tuple[float, tuple[Agreement, ...]] = (float("nan"), ())
@@ -211,12 +212,13 @@ def learned_digest(air_path: AirPath) -> str:
 
 def linearised(
     workers: Workers, task: PartTask, paths: Sequence[Path], progress: Progress
-) -> tuple[PartTask, dict[Path, LogOutcome[StoredPart]]]:
+) -> tuple[PartTask, dict[Path, LogOutcome[StoredPart]], tuple[MapEstimate, Solution] | None]:
     """Return the task at the point where the opening logs have the engine, and what whole logs say there if that is known.
 
-    Logs that cannot be used make room for others.
+    With them comes their map at this point, if that is known and all of them are whole. Logs that cannot be used make room for
+    others.
     """
-    opening = replace(task, seconds=OPENING_SECONDS)
+    opening, merge = replace(task, seconds=OPENING_SECONDS), None
     found: dict[Path, LogOutcome[StoredPart]] = {}
     for turn in range(PASSES):
         waiting = [path for path in paths if path not in found]
@@ -227,13 +229,24 @@ def linearised(
         parts = [outcome.stored.part for outcome in found.values() if outcome.stored is not None]
         if not parts:
             break
-        estimate, _ = merged(task.grid, sorted(parts, key=lambda part: part.run.sha256), opening.point)
+        estimate, solution = merged(task.grid, sorted(parts, key=lambda part: part.run.sha256), opening.point)
         moved = opening.point.moved(estimate.engine)
         if moved is opening.point:
+            merge = (estimate, solution) if all(outcome.whole for outcome in found.values()) else None
             break
         opening = replace(opening, point=moved)
         found = {path: outcome for path, outcome in found.items() if outcome.stored is None}
-    return replace(task, point=opening.point), {path: outcome for path, outcome in found.items() if outcome.whole}
+    return replace(task, point=opening.point), {path: each for path, each in found.items() if each.whole}, merge
+
+
+def map_of(
+    grid: Grid, parts: Iterable[LogInformation], point: Point, known: tuple[MapEstimate, Solution] | None
+) -> tuple[MapEstimate, Solution]:
+    """Return the map from the parts of logs, which may be known but for the names of the logs."""
+    if known is None:
+        return merged(grid, parts, point)
+    estimate, solution = known
+    return replace(estimate, runs=tuple(part.run for part in parts)), solution
 
 
 Task = TypeVar("Task")

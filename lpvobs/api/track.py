@@ -276,7 +276,7 @@ def _weighed_by(
     """Return how rows are weighed and the task where the engine is linearised, after the first logs; else why there is none."""
     opening = [each.path for logs in _first(whose) for each in logs]
     others = [each.path for each in whose if each.path not in opening]
-    task, outcomes = linearised(workers, task, [*opening, *others], progress)
+    task, outcomes, _ = linearised(workers, task, [*opening, *others], progress)
     while True:
         good = [each for each in whose if each.path not in outcomes or outcomes[each.path].refusal is None]
         first = _first(good)

@@ -47,8 +47,8 @@ def calibrated(air_path: AirPath, prior: Unknowns, tables: Sequence[Table]) -> C
     """Return the engine as bench points and tables of components show it; `air_path` is as configured."""
     point: dict[str, float] = {}
     before: dict[tuple[int, int], float] = {}
-    amplitudes = [0.3] * len(prior.groups())
-    left: list[float] = []
+    amplitudes: Floats = [0.3] * len(prior.groups())
+    left: Floats = []
     for step in range(STEPS):
         there = air_path.deviating(point) if point else air_path
         seen = prior.seen_from(point)
@@ -87,7 +87,7 @@ def spread_of(unknowns: Unknowns, rows: Rows, amplitudes: Floats, left: Floats) 
     return rows.J @ unknowns.scaled(amplitudes) @ rows.J.T + own
 
 
-def likeliest(unknowns: Unknowns, rows: Rows, amplitudes: Floats, left: Floats) -> tuple[list[float], list[float]]:
+def likeliest(unknowns: Unknowns, rows: Rows, amplitudes: Floats, left: Floats) -> tuple[Floats, Floats]:
     """Return the amplitudes and the shares left that make the rows most likely, sought one after the other."""
     groups, away = len(amplitudes), rows.z - rows.J @ unknowns.mean
     if not rows.z.size:  # tables alone: they are smoothed, and say nothing of what an engine has beyond

@@ -21,7 +21,7 @@ from lpvobs.errors import DataError
 from lpvobs.maps.excitation import Excitation, of_cells
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.quadratic import terms_at_nodes
-from lpvobs.observer.information import AMPLITUDES, Solution, considered, prior_of, solve
+from lpvobs.observer.information import Solution, considered, prior_of, solve
 from lpvobs.observer.log_run import LogRun
 from lpvobs.observer.parts import LogInformation, StateGain, added_up, inform
 from lpvobs.observer.settings import EstimateSettings
@@ -47,8 +47,7 @@ class EngineFound:
     mean: Array  # (q,) seen from there
     covariance: Array  # (q, q)
     amplitudes: tuple[float, ...] = ()  # of the groups of corrections
-    # (q,) the mean with the least corrections that are tried: the step to where the engine is linearised next; None: the mean
-    with_little: Array | None = None
+    step: Array | None = None  # (q,) to where the engine is linearised next; None: the mean
 
     def moved(self) -> dict[str, float]:
         """Return by how much each constant has moved from the point."""
@@ -87,7 +86,7 @@ class Point:
         """Return the point that an estimate has found, or this one where its linearisation holds."""
         if found is None or not self.configured.calmed:  # balances are linear in what is not known
             return self
-        nearer = found if found.with_little is None else replace(found, mean=found.with_little)
+        nearer = found if found.step is None else replace(found, mean=found.step)
         # Flows are linear in a volume wherever it is, so it stays where the estimate began, as the gain is certified.
         steep, volumes = self.configured.steep, self.configured.volumes
         most = {name: LINEAR if name in steep else np.inf if name in volumes else MILD for name in nearer.moved()}
@@ -180,11 +179,7 @@ def merged(grid: Grid, parts: Iterable[LogInformation], point: Point) -> tuple[M
     layout = Columns(grid.size, unknowns.size, len(point.configured.balance_names))
     total = added_up(grid, layout, noted())
     prior = prior_of(grid, settings.prior_map, unknowns, layout.balances)
-    solution, little = solve(layout, total, prior), None
-    if settings.constants == "joint" and point.configured.calmed and (groups := unknowns.groups()):
-        # Far from where it is linearised, a compressor of other constants looks like one that needs large corrections, and
-        # stays there. So the constants take each step, and only the last solution has corrections as large as they may be.
-        little = solve(layout, total, replace(prior, amplitudes=(AMPLITUDES[0],) * len(groups))).mean[solution.engine]
+    solution = solve(layout, total, prior)
     if settings.constants == "consider":
         solution = considered(solution, total, prior)
     theta, covariance, noise = _since_known(grid, solution, unknowns)
@@ -203,7 +198,9 @@ def merged(grid: Grid, parts: Iterable[LogInformation], point: Point) -> tuple[M
             solution.mean[solution.engine],
             solution.covariance[solution.engine, solution.engine],
             solution.amplitudes,
-            little,
+            # Far from where it is linearised, a compressor of other constants looks like one that needs large corrections, and
+            # stays there. So the constants take each step, and only the last solution has corrections as large as they may be.
+            solution.stiff[solution.engine],
         ),
     )
     return estimate, solution

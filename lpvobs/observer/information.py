@@ -22,7 +22,7 @@ How this departs from Eq. (26) and (36), whose map equation is dtheta/dt = Gamma
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from itertools import combinations
 
 import numpy as np
@@ -80,6 +80,7 @@ class Solution:
     fast: Array  # (B, B) [kg^2/s], the part of S that is new in every window
     quick: Array  # (p, p) [kg^2/s^2], `noise` as if that part were all
     amplitudes: tuple[float, ...]  # of the groups of corrections
+    stiff: Array  # (s,), the mean with corrections as small as they may be
 
     @property
     def theta(self) -> Array:
@@ -132,29 +133,53 @@ def prior_of(grid: Grid, node: float, unknowns: Unknowns, balances: int) -> Prio
 def _without_brief(moments: Moments) -> Moments:
     """Return the sums without balances that spoke too briefly beside the others to show what their errors are."""
     heard = moments.windows >= min(LEAST_WINDOWS, 0.1 * float(moments.windows.max(initial=0.0)))
+    if heard.all():
+        return moments
     both = np.outer(heard, heard)[:, :, None, None]
     kept = {name: np.where(both, getattr(moments, name), 0.0) for name in ("products", "slow")}
-    return moments if heard.all() else replace(moments, **kept, windows=np.where(heard, moments.windows, 0.0))
+    return replace(moments, **kept, windows=np.where(heard, moments.windows, 0.0))
 
 
 def solve(layout: Columns, moments: Moments, prior: Prior) -> Solution:
     """Return map and engine as the sums of logs determine them."""
-    groups, moments = prior.unknowns.groups(), _without_brief(moments)
+    groups, q = prior.unknowns.groups(), layout.unknowns
     amplitudes: tuple[float, ...] = (AMPLITUDES[0],) * len(groups)
+    state = _Solved(layout, _without_brief(moments), prior)
     errors = Errors(FIRST_ERROR**2 * np.eye(layout.balances), np.zeros(layout.balances))
-    state = _Solved(layout, moments, prior)
-    for _ in range(ROUNDS):
-        mean, _, spent = state.at(errors, amplitudes)
-        errors, fast = state.errors(mean, spent)
+    errors, fast = state.settled(errors, amplitudes, ROUNDS)
     if groups:
+        stiff = state.mean(*state.solved(state.settled(errors, amplitudes, 1)[0], amplitudes)[:2])
         amplitudes = prior.amplitudes or state.likeliest(errors)
-        mean, _, spent = state.at(errors, amplitudes)
-        errors, fast = state.errors(mean, spent)
-    mean, covariance, _ = state.at(errors, amplitudes)
-    noise, answers = state.map_alone(errors)
-    q = layout.unknowns
-    quick, _ = state.map_alone(Errors(fast, np.zeros(layout.balances)))
-    return Solution(layout, mean, covariance, noise, answers[:, :q], answers[:, q:], errors, fast, quick, amplitudes)
+        errors, fast = state.settled(errors, amplitudes, 1)
+    free, engine, _ = state.solved(errors, amplitudes)
+    mean, covariance = state.mean(free, engine), state.covariance(free, engine)
+    answers = np.column_stack([free.answers[:, :q], free.N @ free.A[: layout.nodes, layout.terms]])
+    quick = state.without_map(Errors(fast, np.zeros(layout.balances))).N
+    return Solution(
+        layout,
+        mean,
+        covariance,
+        free.N,
+        answers[:, :q],
+        answers[:, q:],
+        errors,
+        fast,
+        quick,
+        amplitudes,
+        stiff if groups else mean,
+    )
+
+
+@dataclass(frozen=True)
+class _Free:
+    """Normal equations, and what they leave of the engine's unknowns and levels with the map eliminated."""
+
+    A: Array  # (C, C), weighted products of all columns
+    N: Array  # (p, p), covariance of the map where all else is known
+    answers: Array  # (p, k - p) of the map to all else
+    alone: Array  # (p,) values of the map where all else is as before
+    told: Array  # (k - p, k - p), information of all else
+    right: Array  # (k - p,), right side of all else
 
 
 @dataclass(frozen=True)
@@ -180,7 +205,7 @@ class _Solved:
     def normal(self, errors: Errors) -> Array:
         """Return the weighted products of all columns, shape (C, C), with the errors that repeat eliminated."""
         weights, products = np.linalg.inv(errors.S), self.moments.products
-        total = np.einsum("ab,abij->ij", weights, products)
+        total = np.tensordot(weights, products)
         if not errors.repeated.any():
             return np.asarray(total)
         # d_b stands beside theta in the rows of balance b alone, so the products of its columns are there already. In units of
@@ -194,25 +219,34 @@ class _Solved:
         half = scipy.linalg.solve_triangular(np.linalg.cholesky(whole), across, lower=True, check_finite=False)
         return np.asarray(total - half.T @ half)
 
-    def at(self, errors: Errors, amplitudes: Sequence[float]) -> tuple[Array, Array, float]:
-        """Return mean, covariance, and how many unknowns the data determine."""
-        p, k = self.layout.nodes, self.layout.solved
-        onto, A, right = self.without_map(errors)
+    def settled(self, errors: Errors, amplitudes: Sequence[float], rounds: int) -> tuple[Errors, Array]:
+        """Return the errors after so many rounds with the solution, and the part of S that is new every time."""
+        for _ in range(rounds):
+            free, engine, spent = self.solved(errors, amplitudes)
+            errors, fast = self.errors(self.mean(free, engine), spent)
+        return errors, fast
+
+    def solved(self, errors: Errors, amplitudes: Sequence[float]) -> tuple[_Free, Array, float]:
+        """Return the equations, the covariance of the engine's unknowns and levels, and how many unknowns the data determine."""
+        p, free = self.layout.nodes, self.without_map(errors)
         root = self.prior.root(self.layout, amplitudes)[p:, p:]
-        told, axes = np.linalg.eigh(root.T @ A @ root)
+        told, axes = np.linalg.eigh(root.T @ free.told @ root)
         told = np.maximum(told, 0.0)  # rounding
         half = root @ axes / np.sqrt(1.0 + told)
-        engine = half @ half.T
-        moved = engine @ right
-        N, answers, alone = onto
-        mean = self.prior.mean(self.layout)
+        of_map = p - float(np.trace(free.N)) / self.prior.node**2
+        return free, half @ half.T, of_map + float(np.sum(told / (1.0 + told)))
+
+    def mean(self, free: _Free, engine: Array) -> Array:
+        """Return the mean of all columns, given the covariance of the engine's."""
+        p, moved, mean = self.layout.nodes, engine @ free.right, self.prior.mean(self.layout)
         mean[p:] += moved
-        mean[:p] += alone - answers @ moved
-        covariance = np.empty((k, k))
-        covariance[p:, p:], covariance[:p, p:] = engine, -answers @ engine
-        covariance[p:, :p], covariance[:p, :p] = covariance[:p, p:].T, N + answers @ engine @ answers.T
-        of_map = p - float(np.trace(N)) / self.prior.node**2
-        return mean, covariance, of_map + float(np.sum(told / (1.0 + told)))
+        mean[:p] += free.alone - free.answers @ moved
+        return mean
+
+    def covariance(self, free: _Free, engine: Array) -> Array:
+        """Return the covariance of all columns, given that of the engine's."""
+        across = -free.answers @ engine
+        return np.block([[free.N - across @ free.answers.T, across], [across.T, engine]])
 
     def errors(self, mean: Array, spent: float) -> tuple[Errors, Array]:
         """Return the errors from what the solution leaves, less the freedom used up, and the part of S that is new every time."""
@@ -264,10 +298,8 @@ class _Solved:
         least = least.min(axis=1, initial=np.inf)
         return np.sqrt(0.5 * np.where(np.isfinite(least), least, 0.0))
 
-    def without_map(self, errors: Errors) -> tuple[tuple[Array, Array, Array], Array, Array]:
-        """Return the map's part, and information and right side of the engine's unknowns and levels with the map eliminated."""
-        # The map's part: its covariance where all else is known, its answers to all else, its values where all else is as
-        # before.
+    def without_map(self, errors: Errors) -> _Free:
+        """Return the normal equations under some errors, with the map eliminated."""
         p, k, z = self.layout.nodes, self.layout.solved, self.layout.z
         A, start = self.normal(errors), self.prior.mean(self.layout)
         right = A[:k, z] - A[:k, :k] @ start
@@ -275,43 +307,35 @@ class _Solved:
         N = 0.5 * (N + N.T)
         answers, alone = N @ A[:p, p:k], N @ right[:p]
         rest = A[p:k, p:k] - A[p:k, :p] @ answers
-        return (N, answers, alone), 0.5 * (rest + rest.T), right[p:] - A[p:k, :p] @ alone
+        return _Free(A, N, answers, alone, 0.5 * (rest + rest.T), right[p:] - A[p:k, :p] @ alone)
 
     def likeliest(self, errors: Errors) -> tuple[float, ...]:
         """Return the amplitudes of the largest restricted likelihood, each held near one by its own prior."""
         # The likelihood is flat: half or twice an amplitude changes little.
-        p = self.layout.nodes
-        _, A, right = self.without_map(errors)
+        p, free = self.layout.nodes, self.without_map(errors)
 
-        def cost(amplitudes: Sequence[float]) -> float:
+        def cost(amplitudes: tuple[float, ...]) -> float:
             root = self.prior.root(self.layout, amplitudes)[p:, p:]
-            seen = root.T @ right
             try:
-                factor = np.linalg.cholesky(np.eye(right.size) + root.T @ A @ root)
+                factor = np.linalg.cholesky(np.eye(free.right.size) + root.T @ free.told @ root)
             except np.linalg.LinAlgError:  # a log of a few samples leaves nothing but rounding
                 return np.inf
-            fit = float(np.sum(np.linalg.solve(factor, seen) ** 2))
+            seen = scipy.linalg.solve_triangular(factor, root.T @ free.right, lower=True, check_finite=False)
             far = float(np.sum((np.log(amplitudes) / AMPLITUDE_SPREAD) ** 2))
-            return float(np.log(np.diag(factor)).sum()) - 0.5 * fit + 0.5 * far
+            return float(np.log(np.diag(factor)).sum()) - 0.5 * float(seen @ seen) + 0.5 * far
 
         groups = len(self.prior.unknowns.groups())
-        return tuple(swept([AMPLITUDES[0]] * groups, [AMPLITUDES] * groups, cost))
-
-    def map_alone(self, errors: Errors) -> tuple[Array, Array]:
-        """Return the map's covariance where the engine is known, and its answers to unknowns and terms of Eq. (37)."""
-        p, q = self.layout.nodes, self.layout.unknowns
-        (N, answers, _), _, _ = self.without_map(errors)
-        return N, np.column_stack([answers[:, :q], N @ self.normal(errors)[:p, self.layout.terms]])
+        return swept((AMPLITUDES[0],) * groups, (AMPLITUDES,) * groups, cost)
 
 
 def swept(
-    start: Sequence[float], choices: Sequence[Sequence[float]], cost: Callable[[Sequence[float]], float]
-) -> list[float]:
+    start: Sequence[float], choices: Sequence[Sequence[float]], cost: Callable[[tuple[float, ...]], float]
+) -> tuple[float, ...]:
     """Return the numbers of least cost, sought one after the other among the choices of each, `SWEEPS` times over all."""
-    best = list(start)
+    best, cost = tuple(start), cache(cost)
     for _ in range(SWEEPS):
         for i, among in enumerate(choices):
-            best = min(([*best[:i], choice, *best[i + 1 :]] for choice in among), key=cost)
+            best = min(((*best[:i], choice, *best[i + 1 :]) for choice in among), key=cost)
     return best
 
 
@@ -334,4 +358,4 @@ def considered(solution: Solution, moments: Moments, prior: Prior) -> Solution:
     covariance[:p, :p] = solution.noise + (answers * variances) @ answers.T
     covariance[:p, constants] = -answers * variances
     covariance[constants, :p], covariance[constants, constants] = covariance[:p, constants].T, np.diag(variances)
-    return replace(solution, mean=mean, covariance=covariance)
+    return replace(solution, mean=mean, covariance=covariance, stiff=mean)

@@ -55,9 +55,10 @@ def found(parts):
     S = np.array([[ERROR**2]])
     errors = Errors(S, np.zeros(1))
     mean, covariance = np.zeros(LAYOUT.solved), np.diag([0.0] * 9 + [0.01**2 / 3, 0.0])
-    noise, answers = state.map_alone(errors)
-    mean[:9] = noise @ state.normal(errors)[:9, LAYOUT.z]
-    common = Solution(LAYOUT, mean, covariance, noise, answers[:, :1], answers[:, 1:], errors, S, noise, ())
+    free = state.without_map(errors)
+    noise, answers = free.N, np.column_stack([free.answers[:, :1], free.N @ free.A[:9, LAYOUT.terms]])
+    mean[:9] = noise @ free.A[:9, LAYOUT.z]
+    common = Solution(LAYOUT, mean, covariance, noise, answers[:, :1], answers[:, 1:], errors, S, noise, (), mean)
     scatter, verdicts = agreements([difference(common, part, PRIOR) for part in parts])
     return common, scatter, verdicts
 

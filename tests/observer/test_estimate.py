@@ -218,16 +218,14 @@ def test_the_map_of_an_engine_within_its_tolerance_is_found_and_its_intervals_ho
 def test_a_step_is_that_of_small_corrections_and_never_moves_a_volume(air_path, settings):
     tolerance = {"R_c": 0.01, "V_im": 0.15}
     start = Point(air_path, replace(settings, tolerance=tolerance))
-    found = EngineFound(
-        unknowns_of(tolerance, ()), {}, np.array([0.02, 0.1]), np.eye(2), with_little=np.array([-0.01, 0.08])
-    )
+    found = EngineFound(unknowns_of(tolerance, ()), {}, np.array([0.02, 0.1]), np.eye(2), step=np.array([-0.01, 0.08]))
     first = start.moved(found)
     assert first.deviation == pytest.approx({"R_c": -0.01})
-    second = first.moved(replace(found, point=first.deviation, with_little=None))
+    second = first.moved(replace(found, point=first.deviation, step=None))
     assert second.deviation == pytest.approx({"R_c": 0.99 * 1.02 - 1.0})
     # Corrections that take all do not keep the constants from moving; and flows are linear in a volume.
     assert start.moved(replace(found, mean=np.array([0.001, 0.1]))).deviation == first.deviation
-    assert start.moved(replace(found, with_little=np.array([0.001, 0.1]))) is start
+    assert start.moved(replace(found, step=np.array([0.001, 0.1]))) is start
     calibrated = replace(start, deviation={"R_c": 0.0, "V_im": 0.08})
     assert calibrated.moved(found).deviation == pytest.approx({"R_c": -0.01, "V_im": 0.08})
 
