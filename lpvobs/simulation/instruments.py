@@ -2,15 +2,15 @@
 
 import zlib
 from collections.abc import Mapping
-from math import exp, log, sqrt
+from math import exp, expm1, log, sqrt
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 
 from lpvobs.compiled import njit
 from lpvobs.engines.channels import Sensor
 from lpvobs.records import Array
-from lpvobs.simulation.courses import lagged
 from lpvobs.simulation.parameters import Sensors, Structure
 
 
@@ -38,6 +38,14 @@ def read_with(name: str, values: Array, quality: Quality, seed: int) -> Array:
     stream = np.random.Generator(np.random.PCG64([seed, zlib.crc32(name.encode())]))
     noisy = values + quality.spread * stream.standard_normal(values.size)
     return np.asarray(np.round(noisy / quality.step) * quality.step if quality.step > 0 else noisy)
+
+
+def lagged(W: Array, step: float, tau: float) -> Array:
+    """Return y of tau dy/dt = W - y, shape (M,), from rest: exact for a W that runs straight between its samples."""
+    if W.size == 0:
+        return W
+    left, mean = exp(-step / tau), tau / step * -expm1(-step / tau)
+    return np.asarray(scipy.signal.lfilter([1.0 - mean, mean - left], [1.0, -left], W, zi=[mean * W[0]])[0])
 
 
 def pulses(amplitude: float, n_e: Array, u_delta: Array) -> Array:

@@ -8,20 +8,17 @@ import numpy as np
 
 from lpvobs.compiled import njit
 from lpvobs.engines.diesel.constants import DieselEngine
+from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.errors import DataError, UsageError
 from lpvobs.records import Array
 from lpvobs.simulation import integrate
-from lpvobs.simulation.derivative import derivative, flows
 from lpvobs.simulation.instruments import FREE, measure, wall_temperature
-from lpvobs.simulation.integrate import Commands, Course, Interval, Samples, Trip
+from lpvobs.simulation.integrate import Commands, Course, Interval, Samples, Trip, derivative, flows
 from lpvobs.simulation.parameters import FullLoad, SimulationParameters
 from lpvobs.simulation.plant import STATES, U_VGT, Plant, plant_of, resting_state
 
-UNITS = {
-    "n_e": "rpm", "u_delta": "mg/cycle", "u_egr": "%", "u_vgt": "%", "p_im": "Pa", "p_em": "Pa", "omega_t": "rad/s",
-    "T_im": "K", "T_em": "K", "p_amb": "Pa", "T_amb": "K", "W_reference": "kg/s", "sd_W_reference": "kg/s",
-    "W_egr_reference": "kg/s", "W_f": "kg/s",
-}  # fmt: skip
+UNITS = {name: channel.unit for name, channel in Diesel.channels.items() if name != "W_maf"}
+UNITS |= dict.fromkeys(("W_reference", "sd_W_reference", "W_egr_reference", "W_f"), "kg/s")
 MOST_POINTS = 1000
 READ = ("n_e", "u_delta", "p_im", "p_em", "omega_t", "T_im", "T_em")
 """What sensors with noise read; positions and surroundings are set."""
