@@ -42,10 +42,9 @@ class ChannelEffect(Timed):
         _check_amplitude(self.id, self.amplitude)
         if self.form == "switch":
             _check_strength(self.id, self.form, self.amplitude)
-        if self.reference is not None and self.form not in ("additive", "gain"):
-            raise UsageError(f"{self.id}: form '{self.form}' does not use the key 'reference'; delete it")
-        if self.threshold is not None and self.form != "switch":
-            raise UsageError(f"{self.id}: form '{self.form}' does not use the key 'threshold'; delete it")
+        for key, forms in (("reference", ("additive", "gain")), ("threshold", ("switch",))):
+            if getattr(self, key) is not None and self.form not in forms:
+                raise UsageError(f"{self.id}: form '{self.form}' does not use the key '{key}'; delete it")
         check_span(self.id, self.onset, self.end)
 
     @property

@@ -27,20 +27,14 @@ from lpvobs.simulation.scene import DriveCourse, scene_of
 LEVELS = 200  # steps in which an effect grows: half a per cent of it
 
 
-def stages_of(
-    plant: Plant, effects: Sequence[CatalogueEffect], period: float, actions: int
-) -> tuple[tuple[int, Plant], ...]:
-    """Return the plant from each action of the control on at which its condition changes, the first from action 0."""
-    # Of the effects those that live in the plant count. An onset between two actions, `period` seconds apart, waits for the
-    # later one; the drive has `actions` of them.
+def stages_of(plant: Plant, effects: Sequence[CatalogueEffect], time: Array) -> tuple[tuple[int, Plant], ...]:
+    """Return the plant from each action of the control, at given times [s], on at which its condition changes, the first from 0."""
+    # Of the effects those that live in the plant count. An onset between two actions waits for the later one.
     acting = [effect for effect in effects if effect.kind.place == "plant"]
-    time = np.arange(0.0, actions) * period
-    levels = np.array([np.round(LEVELS * effect.share(time)) for effect in acting]).reshape(len(acting), actions)
+    levels = np.array([np.round(LEVELS * effect.share(time)) for effect in acting]).reshape(len(acting), time.size)
     changes = np.flatnonzero(np.abs(np.diff(levels, axis=1)).sum(axis=0)) + 1
-    return tuple(
-        (now, plant._replace(condition=_condition(acting, (levels[:, now] / LEVELS).tolist())))
-        for now in [0, *changes.tolist()]
-    )
+    shares = {now: (levels[:, now] / LEVELS).tolist() for now in [0, *changes.tolist()]}
+    return tuple((now, plant._replace(condition=_condition(acting, there))) for now, there in shares.items())
 
 
 def _condition(effects: Sequence[CatalogueEffect], shares: Sequence[float]) -> Condition:
@@ -57,12 +51,8 @@ def _condition(effects: Sequence[CatalogueEffect], shares: Sequence[float]) -> C
 
 
 FINE = 500.0  # hz, of the signals behind sensors with a memory: a hot film takes 15 ms
-UNITS = {
-    "time": "s",
-    **{name: channel.unit for name, channel in Diesel.channels.items()},
-    "ref_W_c": "kg/s",
-    "ref_delta_W_c": "kg/s",
-}
+UNITS = {"time": "s"} | {name: channel.unit for name, channel in Diesel.channels.items()}
+UNITS |= {"ref_W_c": "kg/s", "ref_delta_W_c": "kg/s"}
 
 
 @dataclass(frozen=True)
@@ -120,13 +110,10 @@ def simulate(
     fine = max(1, min(ceil(FINE / rate), most))
     plant, step = plant_of(engine, parameters), 1.0 / (rate * fine)
     samples = sample_times(rate * fine, scene.duration, parameters.step)
-    recorded, trail = drive(
-        stages_of(plant, acting, scene.period, course.n_e.size - 1),
-        Trip(targets_of(parameters, size.n_cyl), course, samples, parameters.step),
-        resting_state(plant, course.p_amb[0], course.T_amb[0]),
-        progress,
-        with_trail=any(effect.id in WITH_MEMORY for effect in acting),
-    )
+    trip = Trip(targets_of(parameters, size.n_cyl), course, samples, parameters.step)
+    stages, x = stages_of(plant, acting, moments[:-1]), resting_state(plant, course.p_amb[0], course.T_amb[0])
+    with_trail = any(effect.id in WITH_MEMORY for effect in acting)
+    recorded, trail = drive(stages, trip, x, progress, with_trail)
     instruments = Instruments(surface or parameters.surface, engine.gas.R_a, parameters.step, acting, others, form)
     truth, shown = sense(instruments, scene, samples, recorded, trail)
     shown |= shown_late(form, truth, shown, size.V_d, size.n_cyl, step)

@@ -159,7 +159,7 @@ def _measured(truth: dict[str, Array], parameters: SimulationParameters, seed: i
     points, readings_each = truth["n_e"].size, round(RECORDED * RATE)
     table = {name: truth[name] for name in UNITS if name in truth}
     for name in READ:
-        readings = measure({name: np.repeat(truth[name], readings_each)}, parameters.sensors, seed)[name]
+        readings = measure(name, np.repeat(truth[name], readings_each), parameters.sensors, seed)
         table[name] = readings.reshape(points, readings_each).mean(axis=1)
     noise = np.random.Generator(np.random.PCG64([seed, points])).standard_normal((3, points))
     table["W_reference"] = truth["W_c"] * (1.0 + METER * noise[0])

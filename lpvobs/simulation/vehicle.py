@@ -201,17 +201,12 @@ def moved(car: Car, work: Work, now: Moment, force: float, dt: float) -> Moment:
     ratio = car.ratio[now.gear]
     fading = min(max(1.0 - (now.n_e - car.idle_speed) / IDLE_BAND, 0.0), 1.0)
     governed = fuel(work, car.idle_speed, car.accessory_torque) * fading
-    asked = governed
-    target = car.idle_speed
+    asked, target = governed, car.idle_speed
     if now.engaged:
         limit = interpolate(car.pedal_n_e, car.pedal_u_delta, now.n_e)
         asked = max(governed, min(fuel(work, now.n_e, force / (ratio * car.efficiency) + car.accessory_torque), limit))
-        slipping = (
-            car.idle_speed + (car.launch_speed - car.idle_speed) * min(max(asked / 15.0, 0.0), 1.0)
-            if force > 0.0
-            else car.idle_speed
-        )
-        target = max(ratio * now.speed * RPM, slipping if now.gear == 0 else car.idle_speed)
+        launching = min(max(asked / 15.0, 0.0), 1.0) if force > 0.0 and now.gear == 0 else 0.0
+        target = max(ratio * now.speed * RPM, car.idle_speed + (car.launch_speed - car.idle_speed) * launching)
     elif now.since_shift < car.shift_time:
         target = max(ratio * now.speed * RPM, car.idle_speed)
     u_delta = now.u_delta + dt / car.pedal_time * (asked - now.u_delta)

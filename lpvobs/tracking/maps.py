@@ -36,9 +36,8 @@ class OverTime:
     last: Array  # (p, p) [kg^2/s^2] of the errors of the last day
     variance: Array  # (N, p) [kg^2/s^2] of the errors of each day
     modes: Array  # (p, k) [kg/s]
-    beyond: (
-        Array  # (N, k, p) [kg/s]: `modes` times this is what the covariance of each day with the last has beyond `last`
-    )
+    # (N, k, p) [kg/s]: `modes` times this is what the covariance of each day with the last has beyond `last`
+    beyond: Array
 
 
 def alone(vehicle: Timeline, story: tuple[Fleetwide, Sequence[Event]], day: Array) -> OverTime:
@@ -134,16 +133,10 @@ class _Pool:
         """Return information and right side of the type's map, and the logarithm of the restricted likelihood."""
         across, inner, weighed = self.members
         roots = np.linalg.cholesky(np.eye(MODES) + d[:, None] * inner * d)
-        solved = np.linalg.solve(roots, d[:, None] * np.concatenate([across, weighed], axis=2)).reshape(
-            -1, len(self.right) + 1
-        )
-        Z, fits = solved[:, :-1], solved[:, -1]
+        solved = np.linalg.solve(roots, d[:, None] * np.concatenate([across, weighed], axis=2))
+        Z, fits = solved[..., :-1].reshape(-1, len(self.right)), solved[..., -1].ravel()
         information, right = self.information - Z.T @ Z, self.right - Z.T @ fits
         root = np.linalg.cholesky(information)
         fit = scipy.linalg.solve_triangular(root, right, lower=True)
-        likelihood = self.likelihood + 0.5 * float(fits @ fits + fit @ fit)
-        return (
-            information,
-            right,
-            likelihood - float(sum(np.log(np.einsum("...ii->...i", each)).sum() for each in (roots, root))),
-        )
+        determinants = float(sum(np.log(np.einsum("...ii->...i", each)).sum() for each in (roots, root)))
+        return information, right, self.likelihood + 0.5 * float(fits @ fits + fit @ fit) - determinants

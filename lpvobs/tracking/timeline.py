@@ -207,9 +207,8 @@ class Story:
 
 def fleetwide(start: Fleetwide, vehicles: Mapping[Timeline, Story]) -> Fleetwide:
     """Return the standard deviations of the largest marginal likelihood, given what has happened to each vehicle."""
-    chosen = sorted((each for each in vehicles if each.day.size > 2), key=lambda each: each.sums.vehicle)[
-        :MOST_VEHICLES
-    ]
+    by_name = sorted(vehicles, key=lambda each: each.sums.vehicle)
+    chosen = [each for each in by_name if each.day.size > 2][:MOST_VEHICLES]
 
     @cache
     def likelihood(sizes: Fleetwide) -> float:
