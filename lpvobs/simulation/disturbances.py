@@ -88,9 +88,7 @@ class Telegraph:
 
     def __post_init__(self) -> None:
         if not (self.seed >= 0 and SHORTEST <= self.on < inf and SHORTEST <= self.off < inf):
-            needed = (
-                f"a seed of zero or more, and a mean duration of at least {SHORTEST:g} s in each of the keys on and off"
-            )
+            needed = f"a seed of zero or more, and mean durations of at least {SHORTEST:g} s in the keys on and off"
             raise UsageError(f"unlogged: telegraph: expected {needed}")
 
     def episodes(self, duration: float) -> tuple[tuple[float, float], ...]:

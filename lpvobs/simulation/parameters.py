@@ -115,9 +115,8 @@ class Control(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _require(
-            0 <= self.vgt_min < self.vgt_max <= 100, "vgt_min and vgt_max must satisfy 0 <= vgt_min < vgt_max <= 100"
-        )
+        in_order = 0 <= self.vgt_min < self.vgt_max <= 100
+        _require(in_order, "vgt_min and vgt_max must satisfy 0 <= vgt_min < vgt_max <= 100")
 
 
 @dataclass(frozen=True)
@@ -200,9 +199,8 @@ class Vehicle(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _require(
-            len(self.pedal_n_e) == len(self.pedal_u_delta), "pedal_n_e and pedal_u_delta must have the same length"
-        )
+        alike = len(self.pedal_n_e) == len(self.pedal_u_delta)
+        _require(alike, "pedal_n_e and pedal_u_delta must have the same length")
 
 
 @dataclass(frozen=True)

@@ -130,8 +130,7 @@ class Instruments:
         W = after(self.effects, {"leak.inlet": self._drawn_in_behind}, point["W_c"], time, point)
         misread = W * rectified(self.structure.maf_element, point["n_e"], point["u_delta"])
         W = W + surface_error(self.surface, point["u_delta"], point["n_e"], W) + misread  # Eq. (7)
-        order = list(MAF)
-        own = sorted((effect for effect in self.effects if effect.id in MAF), key=lambda effect: order.index(effect.id))
+        own = [effect for identifier in MAF for effect in self.effects if effect.id == identifier]
         W = after(own, MAF, W, time, point)
         for disturbance in self.disturbances:
             W = disturbance.on(W, time, point)
@@ -166,36 +165,19 @@ def sense(
         shown[name] = after(instruments.effects, formulas, values, time, truth)
     shown["W_maf"] = instruments.maf(truth, time)
     if trail.shape[0] > 0:
-        shown |= _with_trail(instruments, scene, samples, trail, (time, truth, shown))
+        drivers = {found.channel for found in settled if isinstance(found, ChannelEffect)}
+        fine = np.linspace(0.0, (trail.shape[0] - 1) * instruments.step, trail.shape[0])
+        point = dict(zip(TRAIL, trail.T, strict=True)) | scene.at(fine, ("p_amb", "T_amb"))
+        point |= {name: np.interp(fine, time, truth[name]) for name in drivers}
+        for channel, prefix in (("W_maf", "maf."), ("T_im", "T_im.")):
+            slow = [found for found in instruments.effects if found.id in WITH_MEMORY and found.id.startswith(prefix)]
+            if slow:
+                values = instruments.maf(point, fine) if channel == "W_maf" else point[channel]
+                remembered = at_samples(with_memory(values, instruments.step, slow), samples, instruments.step)
+                # before the memory's onset and after its end it shows what it would without one, to the last bit
+                at_work = np.any([found.at(time) for found in slow], axis=0)
+                shown[channel] = np.where(at_work, remembered, shown[channel])
     return truth, shown
-
-
-def _with_trail(
-    instruments: Instruments,
-    scene: DriveCourse,
-    samples: Samples,
-    trail: Array,
-    sampled: tuple[Array, Mapping[str, Array], Mapping[str, Array]],
-) -> dict[str, Array]:
-    """Return what sensors with a memory show at the samples, from the trail at every step of the integrator."""
-    # Before the memory's onset and after its end they show what they would without one, to the last bit.
-    step, (times, truth, direct) = instruments.step, sampled
-    time = np.linspace(0.0, (trail.shape[0] - 1) * step, trail.shape[0])
-    drivers = {found.channel for found in instruments.disturbances if isinstance(found, ChannelEffect)}
-    point = {
-        **dict(zip(TRAIL, trail.T, strict=True)),
-        **{name: np.interp(time, times, truth[name]) for name in drivers},
-        **scene.at(time, ("p_amb", "T_amb")),
-    }
-    late = {}
-    for channel, prefix in (("W_maf", "maf."), ("T_im", "T_im.")):
-        slow = [found for found in instruments.effects if found.id in WITH_MEMORY and found.id.startswith(prefix)]
-        if slow:
-            values = instruments.maf(point, time) if channel == "W_maf" else point[channel]
-            remembered = at_samples(with_memory(values, step, slow), samples, step)
-            at_work = np.any([found.at(times) for found in slow], axis=0)
-            late[channel] = np.where(at_work, remembered, direct[channel])
-    return late
 
 
 def behind(sensors: Mapping[str, Sensor], shown: Mapping[str, Array], step: float) -> dict[str, Array]:

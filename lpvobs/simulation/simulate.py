@@ -170,9 +170,8 @@ def drawn(
     within = tolerance if isinstance(tolerance, Mapping) else {name: tolerance for name in names if name not in GIVEN}
     for name in within:
         if name not in names or name.startswith("Q_") or name == "n_cyl":
-            raise UsageError(
-                f"constant '{name}' cannot be varied at random; expected one or more of {', '.join(sorted(set(names) - GIVEN))}"
-            )
+            known = ", ".join(sorted(set(names) - GIVEN))
+            raise UsageError(f"constant '{name}' cannot be varied at random; expected one or more of {known}")
     streams = {name: np.random.PCG64([seed, zlib.crc32(f"constant {name}".encode())]) for name in within}
     deviation = {name: size * np.random.Generator(streams[name]).uniform(-1.0, 1.0) for name, size in within.items()}
     return scaled(engine, deviation), deviation

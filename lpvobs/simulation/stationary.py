@@ -83,12 +83,21 @@ def bench(
             if progress is not None:
                 progress(len(truth) / points)
     if len(truth) < points:
-        raise DataError(
-            f"the simulated engine settles at {len(truth)} of the {MOST_TRIES * points} points tried, expected {points} settled "
-            f"points; use smaller amplitudes in [simulation.structure], or other set-points"
+        said = (
+            f"the simulated engine settles at {len(truth)} of the {MOST_TRIES * points} points tried, expected {points}"
         )
-    columns = {name: np.array([row[name] for row in truth]) for name in truth[0]}
-    return BenchTable(_measured(columns, parameters, seed), UNITS)
+        raise DataError(f"{said}; use smaller amplitudes in [simulation.structure], or other set-points")
+    true, readings_each = {name: np.array([row[name] for row in truth]) for name in truth[0]}, round(RECORDED * RATE)
+    table = {name: true[name] for name in UNITS if name in true}
+    for name in READ:
+        readings = measure(name, np.repeat(true[name], readings_each), parameters.sensors, seed)
+        table[name] = readings.reshape(points, readings_each).mean(axis=1)
+    noise = np.random.Generator(np.random.PCG64([seed, points])).standard_normal((3, points))
+    table["W_reference"] = true["W_c"] * (1.0 + METER * noise[0])
+    table["sd_W_reference"] = METER * table["W_reference"]
+    table["W_egr_reference"] = true["W_egr"] + (EGR_METER[0] * np.abs(true["W_egr"]) + EGR_METER[1]) * noise[1]
+    table["W_f"] = true["W_f"] * (1.0 + FUEL * noise[2])
+    return BenchTable({name: table[name] for name in UNITS}, UNITS)
 
 
 def spread(full_load: FullLoad, points: int, seed: int) -> Sequence[SteadyPoint]:
@@ -152,18 +161,3 @@ def settle(plant: Plant, held: Interval, step: float, x: Array) -> bool:
         if np.all(np.abs(rate) <= STILL * np.maximum(np.abs(x), 1e-2)):
             return True
     return False
-
-
-def _measured(truth: dict[str, Array], parameters: SimulationParameters, seed: int) -> dict[str, Array]:
-    """Return the columns of the table, each of shape (N,), from the truth."""
-    points, readings_each = truth["n_e"].size, round(RECORDED * RATE)
-    table = {name: truth[name] for name in UNITS if name in truth}
-    for name in READ:
-        readings = measure(name, np.repeat(truth[name], readings_each), parameters.sensors, seed)
-        table[name] = readings.reshape(points, readings_each).mean(axis=1)
-    noise = np.random.Generator(np.random.PCG64([seed, points])).standard_normal((3, points))
-    table["W_reference"] = truth["W_c"] * (1.0 + METER * noise[0])
-    table["sd_W_reference"] = METER * table["W_reference"]
-    table["W_egr_reference"] = truth["W_egr"] + (EGR_METER[0] * np.abs(truth["W_egr"]) + EGR_METER[1]) * noise[1]
-    table["W_f"] = truth["W_f"] * (1.0 + FUEL * noise[2])
-    return {name: table[name] for name in UNITS}

@@ -34,12 +34,8 @@ def work_of(engine: DieselEngine, parameters: SimulationParameters) -> Work:
     f_0, f_1, f_2 = fire.friction_bar
     dp_0, dp_1 = parameters.setpoints.delta_p
     ideal = 1.0 - fire.compression_ratio ** (1.0 - fire.gamma_cyl)
-    return Work(
-        per_fuel=1e-6 * engine.geometry.n_cyl * fire.q_HV * fire.eta_ig * ideal,
-        loss_0=V_d * (1e5 * f_2 + dp_0),
-        loss_1=V_d * (1e5 * f_1 / 1e3 + dp_1),
-        loss_2=V_d * 1e5 * f_0 / 1e6,
-    )
+    per_fuel = 1e-6 * engine.geometry.n_cyl * fire.q_HV * fire.eta_ig * ideal
+    return Work(per_fuel, V_d * (1e5 * f_2 + dp_0), V_d * (1e5 * f_1 / 1e3 + dp_1), V_d * 1e5 * f_0 / 1e6)
 
 
 @njit(cache=True)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from lpvobs.records import Array, Item
 from lpvobs.tracking.sums import MODES
-from lpvobs.tracking.timeline import CHANGE, Event, Fleetwide, Timeline
+from lpvobs.tracking.timeline import CHANGE, Event, Fleetwide, Timeline, by_mode
 
 SIZES = (0.0, 0.1, 0.3, 1.0, 3.0)
 """Over `CHANGE`, and over `NODE`: what is tried of how vehicles differ."""
@@ -92,7 +92,7 @@ def type_map(kind: str, maps: Sequence[OverTime], Phi: Array, prior: float) -> T
 
     @cache
     def pooled(level: float, shape: float, gain: float, node: float) -> tuple[Array, Array, float]:
-        return pools(NODE * max(node, LEAST)).with_modes(_deviations(level, shape, gain))
+        return pools(NODE * max(node, LEAST)).with_modes(CHANGE * by_mode(level, shape, gain))
 
     sizes = dict.fromkeys(("level", "shape", "gain", "node"), 1.0)
     for _ in range(SWEEPS if len(maps) > 2 else 0):
@@ -100,14 +100,9 @@ def type_map(kind: str, maps: Sequence[OverTime], Phi: Array, prior: float) -> T
             sizes = max(({**sizes, name: size} for size in SIZES), key=lambda sizes: pooled(**sizes)[2])
     information, right, _ = pooled(**sizes)
     covariance = np.linalg.inv(information)
-    modes = Phi * _deviations(sizes["level"], sizes["shape"], sizes["gain"])
+    modes = Phi * (CHANGE * by_mode(sizes["level"], sizes["shape"], sizes["gain"]))
     between = modes @ modes.T + (NODE * max(sizes["node"], LEAST)) ** 2 * np.eye(len(Phi))
     return TypeMap(kind, np.asarray(covariance @ right), np.asarray(covariance), np.asarray(between))
-
-
-def _deviations(level: float, shape: float, gain: float) -> Array:
-    """Return how vehicles differ in every mode, shape (k,)."""
-    return np.asarray(CHANGE * np.array([shape] * (MODES - 2) + [level, gain]))
 
 
 class _Pool:
