@@ -217,7 +217,7 @@ def equivalent(effect: Any, log: SimulatedLog, plain: SimulatedLog) -> float:
 def leaking(effect: Any, log: SimulatedLog) -> float:
     """Return the mean area of a leak whose slit opens, weighted with the flow per area."""
     time = np.arange(log.truth["W_leak"].size) / (log.channels["time"].size - 1) * log.channels["time"][-1]
-    opened = effect.along(time, {"u_delta": log.truth["u_delta"]}).share(time)
+    opened = effect.course.along(time, {"u_delta": log.truth["u_delta"]}).share(time, effect.onset, effect.end)
     per_area = np.where(opened > 0.0, np.abs(log.truth["W_leak"]) / np.maximum(opened, 0.1), 0.0)
     return float(effect.value * (per_area * opened).sum() / per_area[opened > 0.0].sum())
 

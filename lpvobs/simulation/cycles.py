@@ -79,9 +79,7 @@ def _cycle_of(columns: dict[str, list[str]], end: float, world_harmonised: bool)
         raise UsageError(f"the table has the columns {', '.join(columns)[:120]}; expected {expected}")
     time = _numbers(columns, "time_s")
     if time.size < 2 or not (np.diff(time) > 0).all():
-        raise UsageError(
-            "column 'time_s' must rise from row to row over at least two rows; sort the rows or correct them"
-        )
+        raise UsageError("column 'time_s' must rise from row to row over at least two rows; sort or correct the rows")
     time = time - time[0]
     if time[-1] > LONGEST:
         said = f"column 'time_s' spans {time[-1]:g} s, expected at most {LONGEST:g} s"

@@ -184,9 +184,7 @@ def _check_episodes(episodes: Sequence[tuple[float, float]]) -> None:
     for start, stop in episodes:
         check_span("unlogged", start, stop)
     if any(after[0] <= before[1] for before, after in pairwise(episodes)):
-        raise UsageError(
-            "unlogged: the episodes overlap or are not in order of time; expected start < stop < next start"
-        )
+        raise UsageError("unlogged: episodes overlap or are not in order of time; expected start < stop < next start")
 
 
 def injected_of(table: Mapping[str, Any]) -> Injected:

@@ -64,6 +64,36 @@ class EffectCourse:
         if any(after[0] < before[1] for before, after in pairwise(self.intervals)):
             raise UsageError(f"{course}: the intervals overlap or are not in order of time; sort and separate them")
 
+    def along(self, time: Array, inputs: Mapping[str, Array]) -> "EffectCourse":
+        """Return the course on a drive whose inputs, shape (M,), are known at given times [s]."""
+        if not self.input:
+            return self
+        if (values := inputs.get(self.input)) is None:
+            known = ", ".join(inputs)
+            raise UsageError(f"course {self.name}: this drive has no input '{self.input}'; expected one of {known}")
+        if self.name == "hysteresis":
+            return replace(self, drive=(time, relay(values, self.low, self.high)))
+        state = lagged(values, float(time[1] - time[0]) if time.size > 1 else 1.0, self.time_constant)
+        return replace(self, drive=(time, np.clip((state - self.low) / (self.high - self.low), 0.0, 1.0)))
+
+    def share(self, time: Array, onset: float | None, end: float | None) -> Array:
+        """Return the share of the effect that is there at given times [s], shape (N,), from 0 to 1."""
+        begin, at_work = onset or 0.0, span_at_work(onset, end, time)
+        if self.name == "ramp" and end is not None:
+            return np.clip((time - begin) / (end - begin), 0.0, 1.0)
+        if self.name == "intermittent":
+            return np.sum([span_at_work(*each, time) for each in self.intervals], axis=0).astype(float)
+        if self.name == "saturating":
+            return np.where(at_work, -np.expm1(-np.maximum(time - begin, 0.0) / self.time_constant), 0.0)
+        if self.drive is None:
+            return at_work.astype(float)
+        moments, shares = self.drive
+        if self.name == "hysteresis":
+            found = shares[np.clip(np.searchsorted(moments, time + 1e-9, side="right") - 1, 0, shares.size - 1)]
+        else:
+            found = np.interp(time, moments, shares)
+        return np.where(at_work, found, 0.0)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Timed:
@@ -75,38 +105,12 @@ class Timed:
 
     def along(self, time: Array, inputs: Mapping[str, Array]) -> Self:
         """Return the same on a drive whose inputs, shape (M,), are known at given times [s]."""
-        course = self.course
-        if course.name == "ramp" and self.end is None:
-            return replace(self, end=float(time[-1]))
-        if not course.input:
-            return self
-        if (values := inputs.get(course.input)) is None:
-            known = ", ".join(inputs)
-            raise UsageError(f"course {course.name}: this drive has no input '{course.input}'; expected one of {known}")
-        if course.name == "hysteresis":
-            share = relay(values, course.low, course.high)
-        else:
-            state = lagged(values, float(time[1] - time[0]) if time.size > 1 else 1.0, course.time_constant)
-            share = np.clip((state - course.low) / (course.high - course.low), 0.0, 1.0)
-        return replace(self, course=replace(course, drive=(time, share)))
+        last = float(time[-1]) if self.course.name == "ramp" and self.end is None else self.end
+        return replace(self, end=last, course=self.course.along(time, inputs))
 
     def share(self, time: Array) -> Array:
-        """Return the share of the effect that is there at given times [s], shape (N,), from 0 to 1."""
-        course, onset, at_work = self.course, self.onset or 0.0, span_at_work(self.onset, self.end, time)
-        if course.name == "ramp" and self.end is not None:
-            return np.clip((time - onset) / (self.end - onset), 0.0, 1.0)
-        if course.name == "intermittent":
-            return np.sum([span_at_work(*each, time) for each in course.intervals], axis=0).astype(float)
-        if course.name == "saturating":
-            return np.where(at_work, -np.expm1(-np.maximum(time - onset, 0.0) / course.time_constant), 0.0)
-        if course.drive is None:
-            return at_work.astype(float)
-        moments, shares = course.drive
-        if course.name == "hysteresis":
-            found = shares[np.clip(np.searchsorted(moments, time + 1e-9, side="right") - 1, 0, shares.size - 1)]
-        else:
-            found = np.interp(time, moments, shares)
-        return np.where(at_work, found, 0.0)
+        """Return the share that is there at given times [s], shape (N,), from 0 to 1."""
+        return self.course.share(time, self.onset, self.end)
 
     def at(self, time: Array) -> NDArray[np.bool_]:
         """Return when it is at work, shape (N,)."""
@@ -199,12 +203,9 @@ class CatalogueEffect(Timed):
                 f"{self.id}: keys centre and width are for curves only, and the width must be above zero; correct or delete both"
             )
         if self.id.endswith((".lag", ".delay")) and self.course.name in GRADED:
-            said = (
-                f"{self.id}: this effect is either on or off and cannot grow, as course {self.course.name} would need"
-            )
-            raise UsageError(
-                f"{said}; choose one of the courses {', '.join(name for name in KEYS if name not in GRADED)}"
-            )
+            others = ", ".join(name for name in KEYS if name not in GRADED)
+            said = f"{self.id}: this effect is either on or off, and cannot grow as course {self.course.name} needs"
+            raise UsageError(f"{said}; choose one of the courses {others}")
 
     @property
     def kind(self) -> Kind:

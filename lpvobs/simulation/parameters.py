@@ -31,10 +31,10 @@ def _rises(axis: Sequence[float]) -> bool:
 
 RISING = "needs at least two finite numbers in rising order"
 Axis = Annotated[Row, (_rises, RISING)]
-Fine = Annotated[
+ShortStep = Annotated[
     Positive, (lambda x: x <= 2e-3, "must not exceed 0.002 s: the exhaust manifold has a time constant of 2 to 3 ms")
 ]
-Six = Annotated[Row, (lambda x: len(x) == 6, "must be the six numbers a_2, a_1, b_2, b_1, c_2, c_1 of Eq. (37)")]
+SixTerms = Annotated[Row, (lambda x: len(x) == 6, "must be the six numbers a_2, a_1, b_2, b_1, c_2, c_1 of Eq. (37)")]
 Gears = Annotated[
     Row, (lambda x: x and all(ratio > 0 for ratio in x), "must list at least one ratio, and positive ratios only")
 ]
@@ -236,7 +236,7 @@ class ErrorSurface(Checked):
     """
 
     kind: str
-    coefficients: Six = EQUATION_40  # a_2, a_1, b_2, b_1, c_2, c_1: kg/s over mg/cycle and rpm
+    coefficients: SixTerms = EQUATION_40  # a_2, a_1, b_2, b_1, c_2, c_1: kg/s over mg/cycle and rpm
     bumps: tuple[Bump, ...] = ()
     offset: NotNegative = 0.0  # (A' - A)/B of King's law [(kg/s)^exponent]
     slope: Positive = 1.0  # B'/B of King's law
@@ -276,7 +276,7 @@ class Amplitudes(flat_type(names_of(Structure))):  # type: ignore[misc]
 class SimulationParameters(Checked):
     """All of `[simulation]`."""
 
-    step: Fine  # s, of the integrator
+    step: ShortStep  # s, of the integrator
     ambient: Ambient
     combustion: Combustion
     cooling: Cooling
