@@ -273,8 +273,8 @@ def _records(setting: tuple[Config, Grid, object], cycle: str, seed: int, plant:
     for number, family in enumerate(FAMILIES):
         surface = surface_of(family, np.random.default_rng([seed, plant, number]))
         error = surface_error(surface, true["u_delta"], true["n_e"], true["W_c"])
-        noisy = measure({"W_maf": true["W_c"] + error}, config.simulation.sensors, 10_000 * number + plant)
-        log = replace(made.log, channels={**made.log.channels, **noisy})
+        noisy = measure("W_maf", true["W_c"] + error, config.simulation.sensors, 10_000 * number + plant)
+        log = replace(made.log, channels={**made.log.channels, "W_maf": noisy})
         estimate = estimate_default(Diesel(config.engine), grid, gain, [log], config.estimate)
         truth = surface_error(surface, u.ravel(), n.ravel(), np.zeros(grid.size)).reshape(grid.shape)
         best = best_fit(grid, *grid.regressors(true["u_delta"], true["n_e"]), error).reshape(grid.shape)

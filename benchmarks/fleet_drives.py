@@ -100,7 +100,8 @@ def record(folder: Path, seed: int, only: slice = slice(None)) -> None:
             noise, day = int(rng.integers(2**31)), int(rng.integers(14 * which + 1, 14 * which + 15))
             date = datetime.date(2025, month + 1, day)
             shown["W_maf"] = shown["W_maf"] * vehicle.gain((date - FIRST).days / MONTH)
-            readings = measure(shown, config.simulation.sensors, noise)
+            sensors = config.simulation.sensors
+            readings = {name: measure(name, values, sensors, noise) for name, values in shown.items()}
             channels = dict(route.channels) | readings
             origin = {"vehicle": vehicle.name, "engine": "diesel", "date": date.isoformat()}
             write_log(target, channels, route.units, origin)

@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lpvobs.simulation.courses import lagged, span_at_work
+from lpvobs.simulation.effects import span_at_work
+from lpvobs.simulation.instruments import lagged
 
 Array = NDArray[np.float64]
 Point = Mapping[str, Array]

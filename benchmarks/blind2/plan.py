@@ -8,8 +8,7 @@ import numpy as np
 from faults import OTHER_LAWS, UNLISTED, Hose, Misreading, Unlisted
 from population import BANK, ENGINES, PIECES, VARIATIONS
 
-from lpvobs.simulation.courses import EffectCourse
-from lpvobs.simulation.effects import CATALOGUE, CatalogueEffect
+from lpvobs.simulation.effects import CATALOGUE, CatalogueEffect, EffectCourse
 
 KINDS = (
     "clean", "single", "varied", "curve", "single", "course", "pair", "varied", "single", "form", "clean", "single",

@@ -21,8 +21,8 @@ from lpvobs.engines.diesel.constants import DieselEngine
 from lpvobs.io.configuration.config import Config
 from lpvobs.io.logs.bench import write_table
 from lpvobs.io.logs.parquet import write_log
-from lpvobs.simulation.courses import lagged
 from lpvobs.simulation.cycles import TABLES, shipped_folder
+from lpvobs.simulation.instruments import lagged
 from lpvobs.simulation.parameters import ErrorSurface, SimulationParameters
 from lpvobs.simulation.road import Auxiliary
 from lpvobs.simulation.simulate import SimulatedLog, drawn, simulate

@@ -15,19 +15,14 @@ from lpvobs.errors import UsageError
 from lpvobs.records import Array
 
 TABLES = {
-    "etc": "etc_surrogate.csv",
-    "etc_part1": "etc_surrogate.csv",
-    "ftp75": "ftp75.csv",
-    "ftp75_cold": "ftp75.csv",
-    "nedc": "nedc.csv",
-    "whtc": "whtc.csv",
-    "wltc": "wltc_class3b.csv",
-}
+    "etc": "etc_surrogate.csv", "etc_part1": "etc_surrogate.csv", "ftp75": "ftp75.csv", "ftp75_cold": "ftp75.csv",
+    "nedc": "nedc.csv", "whtc": "whtc.csv", "wltc": "wltc_class3b.csv",
+}  # fmt: skip
 ENDS = {"etc_part1": 600.0, "ftp75_cold": 505.0}  # [s]; cycles that are the beginning of a table
 SPEED_COLUMNS = ("time_s", "speed_kmh")
 ENGINE_COLUMNS = ("time_s", "speed_norm_pct", "torque_norm_pct", "motoring")
+REMEDY = "give the name of a cycle or a CSV table"
 LONGEST = 1e5  # [s], more than a day of driving: beyond that the time column is not in seconds
-
 LARGEST = 2**26  # [bytes] of a table, ten times what a day at one row per second takes
 
 
@@ -59,73 +54,77 @@ def shipped_folder(name: str = "data") -> Path:
 
 
 def load_cycle(name: str) -> SpeedCycle | EngineCycle:
-    """Return a cycle by its name, or from a path that ends in `.csv`; raises UsageError for none, or a table of no use."""
-    if name.lower().endswith(".csv"):
-        return read_cycle(Path(name))
-    if name not in TABLES:
+    """Return a cycle by its name, or from the path of a CSV table, whose columns say which kind it is.
+
+    Raises UsageError if there is none of this name, or the table cannot be read, lacks a column, or holds something that is not a
+    rising time or a finite number.
+    """
+    own = name.lower().endswith(".csv")
+    if not own and name not in TABLES:
         near = difflib.get_close_matches(name, TABLES, n=1)
         hint = f"did you mean '{near[0]}'?" if near else f"expected one of {', '.join(TABLES)}."
         raise UsageError(f"--cycle {name}: unknown cycle; {hint} A path to a table of your own must end in .csv")
-    path = shipped_folder() / "cycles" / TABLES[name]
-    return read_cycle(path, ENDS.get(name, np.inf), world_harmonised=name == "whtc")
+    path = Path(name) if own else shipped_folder() / "cycles" / TABLES[name]
+    try:
+        return _cycle_of(_columns(path), ENDS.get(name, np.inf), world_harmonised=name == "whtc")
+    except UsageError as error:
+        raise UsageError(f"{path}: {error}") from None
 
 
-def read_cycle(path: Path, end: float = np.inf, world_harmonised: bool = False) -> SpeedCycle | EngineCycle:
-    """Return the cycle in a CSV table up to a time [s]; the columns say which kind it is.
-
-    Raises UsageError if the table cannot be read, lacks a column, or holds something that is not a rising time or a finite number.
-    """
-    columns = _columns(path)
-    if set(columns) >= set(ENGINE_COLUMNS):
+def _cycle_of(columns: dict[str, list[str]], end: float, world_harmonised: bool) -> SpeedCycle | EngineCycle:
+    """Return the cycle in the columns of a table up to a time [s]."""
+    engine = set(columns) >= set(ENGINE_COLUMNS)
+    if not (engine or set(columns) >= set(SPEED_COLUMNS)):
+        expected = f"{', '.join(SPEED_COLUMNS)} (speed cycle) or {', '.join(ENGINE_COLUMNS)} (engine cycle)"
+        raise UsageError(f"the table has the columns {', '.join(columns)[:120]}; expected {expected}")
+    time = _numbers(columns, "time_s")
+    if time.size < 2 or not (np.diff(time) > 0).all():
+        raise UsageError("column 'time_s' must rise from row to row over at least two rows; sort or correct the rows")
+    time = time - time[0]
+    if time[-1] > LONGEST:
+        said = f"column 'time_s' spans {time[-1]:g} s, expected at most {LONGEST:g} s"
+        raise UsageError(f"{said}; check that it is in seconds")
+    keep = time <= end
+    if engine:
         # no torque where the table says motoring and, as regulations do, leaves the torque open
         torques = zip(columns["torque_norm_pct"], columns["motoring"], strict=True)
         columns["torque_norm_pct"] = [w if w.strip() or driven.strip() != "1" else "0" for w, driven in torques]
-        time, speed, torque, motoring = (_numbers(path, columns, name) for name in ENGINE_COLUMNS)
-        keep = _kept(path, time, end)
-        _check_range(path, "speed_norm_pct", speed[keep], -20.0, 150.0)
-        _check_range(path, "torque_norm_pct", torque[keep], -100.0, 120.0)
-        still = (motoring[keep] != 0.0) | (torque[keep] < 0.0)
-        return EngineCycle(time[keep] - time[0], speed[keep], torque[keep], still, world_harmonised)
-    if not set(columns) >= set(SPEED_COLUMNS):
-        raise UsageError(
-            f"{path}: the table has the columns {', '.join(columns)[:120]}; expected {', '.join(SPEED_COLUMNS)} (speed cycle) "
-            f"or {', '.join(ENGINE_COLUMNS)} (engine cycle)"
+        speed, torque = (
+            _numbers(columns, "speed_norm_pct", -20.0, 150.0),
+            _numbers(columns, "torque_norm_pct", -100.0, 120.0),
         )
-    time, speed = (_numbers(path, columns, name) for name in SPEED_COLUMNS)
-    keep = _kept(path, time, end)
-    _check_range(path, "speed_kmh", speed[keep], 0.0, 300.0)
-    gear, engaged = np.full(time.size, -1), np.ones(time.size, dtype=bool)
+        still = (_numbers(columns, "motoring") != 0.0) | (torque < 0.0)
+        return EngineCycle(time[keep], speed[keep], torque[keep], still[keep], world_harmonised)
+    speed, gear, engaged = (
+        _numbers(columns, "speed_kmh", 0.0, 300.0),
+        np.full(time.size, -1),
+        np.ones(time.size, dtype=bool),
+    )
     if "gear" in columns and "clutch" in columns:
-        gear = np.maximum(_numbers(path, columns, "gear").astype(np.int64), 0)
+        gear = np.maximum(_numbers(columns, "gear").astype(np.int64), 0)
         engaged = np.array([text.strip() in ("engaged", "gear_change") for text in columns["clutch"]])
-    return SpeedCycle(time[keep] - time[0], speed[keep] / 3.6, gear[keep], engaged[keep])
+    return SpeedCycle(time[keep], speed[keep] / 3.6, gear[keep], engaged[keep])
 
 
 def _columns(path: Path) -> dict[str, list[str]]:
     """Return the columns of a CSV file with a header, as text."""
     if path.exists() and not (path.is_file() and path.stat().st_size <= LARGEST):
-        raise UsageError(
-            f"{path}: this is not a file, or it is larger than {LARGEST} bytes; give the name of a cycle or a CSV table"
-        )
+        raise UsageError(f"this is not a file, or it is larger than {LARGEST} bytes; {REMEDY}")
     try:
         with path.open(newline="", encoding="utf-8-sig") as stream:
             header, *rows = [row for row in csv.reader(stream) if row]
     except OSError as error:
-        raise UsageError(
-            f"{path}: the file cannot be read ({error.strerror}); give the name of a cycle or a CSV table"
-        ) from None
+        raise UsageError(f"the file cannot be read ({error.strerror}); {REMEDY}") from None
     except (ValueError, csv.Error):
-        raise UsageError(f"{path}: this is not a CSV table with a header line; see data/cycles for examples") from None
+        raise UsageError("this is not a CSV table with a header line; see data/cycles for examples") from None
     short = next((number for number, row in enumerate(rows, 2) if len(row) != len(header)), None)
     if short is not None:
-        raise UsageError(
-            f"{path}: row {short} has more or fewer fields than the {len(header)} of the header; correct that row"
-        )
+        raise UsageError(f"row {short} has more or fewer fields than the {len(header)} of the header; correct that row")
     return {name.strip(): [row[index] for row in rows] for index, name in enumerate(header)}
 
 
-def _numbers(path: Path, columns: dict[str, list[str]], name: str) -> Array:
-    """Return one column as finite numbers."""
+def _numbers(columns: dict[str, list[str]], name: str, low: float = -np.inf, high: float = np.inf) -> Array:
+    """Return one column as finite numbers within limits."""
     values = np.empty(len(columns[name]))
     for row, text in enumerate(columns[name]):
         try:
@@ -133,29 +132,8 @@ def _numbers(path: Path, columns: dict[str, list[str]], name: str) -> Array:
         except ValueError:
             values[row] = np.nan
         if not np.isfinite(values[row]):
-            raise UsageError(
-                f"{path}: column '{name}', row {row + 2}: '{text[:20]}' is not a finite number; correct it"
-            )
+            raise UsageError(f"column '{name}', row {row + 2}: '{text[:20]}' is not a finite number; correct it")
+        if not low <= values[row] <= high:
+            said = f"column '{name}', row {row + 2}: {values[row]:g} is outside the range {low:g} to {high:g}"
+            raise UsageError(f"{said}; check the column's unit")
     return values
-
-
-def _kept(path: Path, time: Array, end: float) -> NDArray[np.bool_]:
-    """Return which rows to use, and refuse a time that does not rise or is too short or too long."""
-    if time.size < 2 or not (np.diff(time) > 0).all():
-        raise UsageError(
-            f"{path}: column 'time_s' must rise from row to row over at least two rows; sort the rows or correct them"
-        )
-    if time[-1] - time[0] > LONGEST:
-        raise UsageError(
-            f"{path}: column 'time_s' spans {time[-1] - time[0]:g} s, expected at most {LONGEST:g} s; check that it is in seconds"
-        )
-    return np.asarray(time - time[0] <= end)
-
-
-def _check_range(path: Path, name: str, values: Array, low: float, high: float) -> None:
-    if values.min() < low or values.max() > high:
-        worst = int(np.argmax((values < low) | (values > high)))
-        raise UsageError(
-            f"{path}: column '{name}', row {worst + 2}: {values[worst]:g} is outside the range {low:g} to {high:g}; check "
-            f"the column's unit"
-        )

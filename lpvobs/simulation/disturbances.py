@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from math import isfinite
+from math import inf, isfinite
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ import numpy as np
 from lpvobs.errors import UsageError
 from lpvobs.records import Array
 from lpvobs.simulation import effects as catalogue
-from lpvobs.simulation.courses import Timed, blended, check_span, span_at_work
+from lpvobs.simulation.effects import Timed, blended, check_span, span_at_work
 from lpvobs.simulation.road import AUXILIARY
 
 PREFIX = "channel:"
@@ -36,17 +36,15 @@ class ChannelEffect(Timed):
 
     def __post_init__(self) -> None:
         if self.channel not in AUXILIARY:
-            raise UsageError(
-                f"{self.id}: the simulator has no such auxiliary channel; expected one of {', '.join(AUXILIARY)}"
-            )
+            known = ", ".join(AUXILIARY)
+            raise UsageError(f"{self.id}: the simulator has no such auxiliary channel; expected one of {known}")
         _check_form(self.id, self.form, CHANNEL_FORMS)
         _check_amplitude(self.id, self.amplitude)
         if self.form == "switch":
             _check_strength(self.id, self.form, self.amplitude)
-        if self.reference is not None and self.form not in ("additive", "gain"):
-            raise UsageError(f"{self.id}: form '{self.form}' does not use the key 'reference'; delete it")
-        if self.threshold is not None and self.form != "switch":
-            raise UsageError(f"{self.id}: form '{self.form}' does not use the key 'threshold'; delete it")
+        for key, forms in (("reference", ("additive", "gain")), ("threshold", ("switch",))):
+            if getattr(self, key) is not None and self.form not in forms:
+                raise UsageError(f"{self.id}: form '{self.form}' does not use the key '{key}'; delete it")
         check_span(self.id, self.onset, self.end)
 
     @property
@@ -58,10 +56,8 @@ class ChannelEffect(Timed):
         """Return the effect with what the drive decides; raises UsageError where it cannot show, or moves too far."""
         course = truth[self.channel]
         if float(np.ptp(course)) == 0.0:
-            raise UsageError(
-                f"{self.id}: channel {self.channel} is constant on this drive, so no error can depend on it; "
-                f"take a longer cycle or another seed"
-            )
+            said = f"{self.id}: channel {self.channel} is constant on this drive, so no error can depend on it"
+            raise UsageError(f"{said}; take a longer cycle or another seed")
         if self.form in ("additive", "gain"):
             reference = float(course.mean()) if self.reference is None else self.reference
             _check_strength(self.id, self.form, self.amplitude * float(np.abs(course - reference).max()))
@@ -91,11 +87,9 @@ class Telegraph:
     off: float
 
     def __post_init__(self) -> None:
-        if not (self.seed >= 0 and SHORTEST <= self.on < float("inf") and SHORTEST <= self.off < float("inf")):
-            raise UsageError(
-                f"unlogged: telegraph: expected a seed of zero or more, and a mean duration of at least {SHORTEST:g} s in each of "
-                f"the keys on and off"
-            )
+        if not (self.seed >= 0 and SHORTEST <= self.on < inf and SHORTEST <= self.off < inf):
+            needed = f"a seed of zero or more, and mean durations of at least {SHORTEST:g} s in the keys on and off"
+            raise UsageError(f"unlogged: telegraph: expected {needed}")
 
     def episodes(self, duration: float) -> tuple[tuple[float, float], ...]:
         """Return the episodes that begin within a duration [s]; the drive starts between two of them."""
@@ -136,10 +130,8 @@ class UnloggedEffect:
         drawn = self.episodes.episodes(duration) if isinstance(self.episodes, Telegraph) else self.episodes
         inside = tuple(episode for episode in drawn if episode[0] < duration)
         if len(inside) < 2:
-            raise UsageError(
-                f"unlogged: {len(inside)} episodes begin within the drive, which lasts {duration:g} s; expected at least two; "
-                f"start the episodes earlier, or take another seed"
-            )
+            said = f"unlogged: {len(inside)} episodes begin within the drive, which lasts {duration:g} s; expected at least two"
+            raise UsageError(f"{said}; start the episodes earlier, or take another seed")
         return replace(self, episodes=inside)
 
     def on(self, W: Array, time: Array, point: Mapping[str, Array]) -> Array:
@@ -178,26 +170,21 @@ def _check_amplitude(name: str, amplitude: float) -> None:
 def _check_strength(name: str, form: str, strength: float) -> None:
     """Refuse what moves the reading further than the catalogue's own gain and offset may."""
     _check_amplitude(name, strength)
-    kind = catalogue.CATALOGUE["maf.gain" if form == "gain" else "maf.offset"]
-    size = abs(strength)
-    if size > (1.0 - kind.low if form == "gain" else kind.high):
-        raise UsageError(
-            f"{name}: the effect would change the reading by {size:g} {'times itself' if form == 'gain' else kind.unit}, "
-            f"expected at most {1.0 - kind.low if form == 'gain' else kind.high:g}; check amplitude and its unit"
-        )
+    gain, offset = (catalogue.CATALOGUE[kind] for kind in ("maf.gain", "maf.offset"))
+    most, unit = (1.0 - gain.low, "times itself") if form == "gain" else (offset.high, offset.unit)
+    if abs(strength) > most:
+        said = f"{name}: the effect would change the reading by {abs(strength):g} {unit}, expected at most {most:g}"
+        raise UsageError(f"{said}; check amplitude and its unit")
 
 
 def _check_episodes(episodes: Sequence[tuple[float, float]]) -> None:
     if len(episodes) < 2:
-        raise UsageError(
-            f"unlogged: {len(episodes)} episodes, expected at least two; write a single episode as an effect with onset and end"
-        )
+        said = f"unlogged: {len(episodes)} episodes, expected at least two"
+        raise UsageError(f"{said}; write a single episode as an effect with onset and end")
     for start, stop in episodes:
         check_span("unlogged", start, stop)
     if any(after[0] <= before[1] for before, after in pairwise(episodes)):
-        raise UsageError(
-            "unlogged: the episodes overlap or are not in order of time; expected start < stop < next start"
-        )
+        raise UsageError("unlogged: episodes overlap or are not in order of time; expected start < stop < next start")
 
 
 def injected_of(table: Mapping[str, Any]) -> Injected:

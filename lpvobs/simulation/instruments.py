@@ -2,15 +2,15 @@
 
 import zlib
 from collections.abc import Mapping
-from math import exp, log, sqrt
+from math import exp, expm1, log, sqrt
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 
 from lpvobs.compiled import njit
 from lpvobs.engines.channels import Sensor
 from lpvobs.records import Array
-from lpvobs.simulation.courses import lagged
 from lpvobs.simulation.parameters import Sensors, Structure
 
 
@@ -21,23 +21,28 @@ class Quality(NamedTuple):
     step: float  # to which it rounds
 
 
-def measure(truth: Mapping[str, Array], sensors: Sensors, seed: int) -> dict[str, Array]:
-    """Return the readings of noise-free channels, each of shape (N,)."""
-    # Every channel draws from a stream of its own, so that one channel more changes no other.
-    readings = {}
-    for name, values in truth.items():
-        spread: float | Array = getattr(sensors, name, 0.0)
-        if name == "W_maf":
-            spread = np.hypot(sensors.W_maf_absolute, sensors.W_maf_relative * np.abs(values))
-        readings[name] = read_with(name, values, Quality(spread, getattr(sensors.quantisation, name, 0.0)), seed)
-    return readings
+def measure(name: str, values: Array, sensors: Sensors, seed: int) -> Array:
+    """Return the readings of a noise-free channel, shape (N,)."""
+    spread: float | Array = getattr(sensors, name, 0.0)
+    if name == "W_maf":
+        spread = np.hypot(sensors.W_maf_absolute, sensors.W_maf_relative * np.abs(values))
+    return read_with(name, values, Quality(spread, getattr(sensors.quantisation, name, 0.0)), seed)
 
 
 def read_with(name: str, values: Array, quality: Quality, seed: int) -> Array:
     """Return the readings of a sensor, shape (N,)."""
+    # Every channel draws from a stream of its own, so that one channel more changes no other.
     stream = np.random.Generator(np.random.PCG64([seed, zlib.crc32(name.encode())]))
     noisy = values + quality.spread * stream.standard_normal(values.size)
     return np.asarray(np.round(noisy / quality.step) * quality.step if quality.step > 0 else noisy)
+
+
+def lagged(W: Array, step: float, tau: float) -> Array:
+    """Return y of tau dy/dt = W - y, shape (M,), from rest: exact for a W that runs straight between its samples."""
+    if W.size == 0:
+        return W
+    left, mean = exp(-step / tau), tau / step * -expm1(-step / tau)
+    return np.asarray(scipy.signal.lfilter([1.0 - mean, mean - left], [1.0, -left], W, zi=[mean * W[0]])[0])
 
 
 def pulses(amplitude: float, n_e: Array, u_delta: Array) -> Array:
@@ -164,7 +169,7 @@ def record(
         new = np.concatenate([[True], np.diff(tick) > 0])
         taken = np.maximum.accumulate(np.where(new, np.arange(time.size), 0))[::fine]
         moments, again = np.unique(taken, return_inverse=True)
-        held = measure({name: values[moments]}, sensors, seed)[name][again]
+        held = measure(name, values[moments], sensors, seed)[again]
         least = steps.get(name, 0.0)
         readings[name] = np.round(held / least) * least if least else held
     return readings

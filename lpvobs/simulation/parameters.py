@@ -18,6 +18,7 @@ SURFACE_KINDS = ("quadratic", "king", "zero", "table")
 
 # A number of a record, what holds of it, and what is said where it does not.
 Positive = Annotated[float, (lambda x: 0 < x < inf, "must be positive")]
+OverOne = Annotated[float, (lambda x: x > 1, "must exceed one")]
 NotNegative = Annotated[float, (lambda x: 0 <= x < inf, "must not be negative")]
 Share = Annotated[float, (lambda x: 0 <= x <= 1, "must lie between 0 and 1")]
 # Twice what real diesels show; with more, the control of the plant no longer reaches its set-points.
@@ -30,6 +31,10 @@ def _rises(axis: Sequence[float]) -> bool:
 
 RISING = "needs at least two finite numbers in rising order"
 Axis = Annotated[Row, (_rises, RISING)]
+ShortStep = Annotated[
+    Positive, (lambda x: x <= 2e-3, "must not exceed 0.002 s: the exhaust manifold has a time constant of 2 to 3 ms")
+]
+SixTerms = Annotated[Row, (lambda x: len(x) == 6, "must be the six numbers a_2, a_1, b_2, b_1, c_2, c_1 of Eq. (37)")]
 Gears = Annotated[
     Row, (lambda x: x and all(ratio > 0 for ratio in x), "must list at least one ratio, and positive ratios only")
 ]
@@ -60,8 +65,8 @@ class Combustion(Checked):
     X_Oc: Positive  # mass fraction of oxygen in fresh air
     q_HV: Positive  # J/kg
     air_fuel_stoichiometric: Positive
-    gamma_cyl: float
-    compression_ratio: float
+    gamma_cyl: OverOne
+    compression_ratio: OverOne
     eta_ig: Positive  # indicated efficiency factor
     eta_sc: Positive  # compensation of the ideal cycle's temperature
     x_cv: float  # share of the heat released at constant volume
@@ -71,10 +76,6 @@ class Combustion(Checked):
     n_pipe: int
     friction_bar: tuple[float, float, float]  # f_0 (n_e/1000)^2 + f_1 n_e/1000 + f_2
     lambda_min: Positive  # the smoke limit: air in the cylinder over stoichiometric air
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        _require(self.compression_ratio > 1 and self.gamma_cyl > 1, "compression_ratio and gamma_cyl must exceed one")
 
 
 @dataclass(frozen=True)
@@ -114,9 +115,8 @@ class Control(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _require(
-            0 <= self.vgt_min < self.vgt_max <= 100, "vgt_min and vgt_max must satisfy 0 <= vgt_min < vgt_max <= 100"
-        )
+        in_order = 0 <= self.vgt_min < self.vgt_max <= 100
+        _require(in_order, "vgt_min and vgt_max must satisfy 0 <= vgt_min < vgt_max <= 100")
 
 
 @dataclass(frozen=True)
@@ -199,9 +199,8 @@ class Vehicle(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _require(
-            len(self.pedal_n_e) == len(self.pedal_u_delta), "pedal_n_e and pedal_u_delta must have the same length"
-        )
+        alike = len(self.pedal_n_e) == len(self.pedal_u_delta)
+        _require(alike, "pedal_n_e and pedal_u_delta must have the same length")
 
 
 @dataclass(frozen=True)
@@ -237,7 +236,7 @@ class ErrorSurface(Checked):
     """
 
     kind: str
-    coefficients: Row = EQUATION_40  # a_2, a_1, b_2, b_1, c_2, c_1: kg/s over mg/cycle and rpm
+    coefficients: SixTerms = EQUATION_40  # a_2, a_1, b_2, b_1, c_2, c_1: kg/s over mg/cycle and rpm
     bumps: tuple[Bump, ...] = ()
     offset: NotNegative = 0.0  # (A' - A)/B of King's law [(kg/s)^exponent]
     slope: Positive = 1.0  # B'/B of King's law
@@ -249,9 +248,6 @@ class ErrorSurface(Checked):
     def __post_init__(self) -> None:
         super().__post_init__()
         _require(self.kind in SURFACE_KINDS, f"kind must be one of {', '.join(SURFACE_KINDS)}, not '{self.kind}'")
-        _require(
-            len(self.coefficients) == 6, "coefficients must be the six numbers a_2, a_1, b_2, b_1, c_2, c_1 of Eq. (37)"
-        )
         if self.kind == "table":
             _check_table(self.n_e, self.u_delta, self.values, "values")
 
@@ -280,7 +276,7 @@ class Amplitudes(flat_type(names_of(Structure))):  # type: ignore[misc]
 class SimulationParameters(Checked):
     """All of `[simulation]`."""
 
-    step: Positive  # s, of the integrator
+    step: ShortStep  # s, of the integrator
     ambient: Ambient
     combustion: Combustion
     cooling: Cooling
@@ -295,9 +291,6 @@ class SimulationParameters(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _require(
-            self.step <= 2e-3, "step must not exceed 0.002 s: the exhaust manifold has a time constant of 2 to 3 ms"
-        )
         ratio = self.control.period / self.step
         _require(round(ratio) >= 1 and abs(ratio - round(ratio)) < 1e-9, "control.period must be a multiple of step")
 

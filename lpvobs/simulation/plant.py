@@ -1,4 +1,4 @@
-"""The nonlinear plant: nine states, one relation per function; the right-hand side stands in `derivative`.
+"""The nonlinear plant: nine states, one relation per function; the right-hand side stands in `integrate`.
 
 Structure after Wahlstrom and Eriksson, Proc. IMechE D 225 (2011), the paper's reference 16, with three changes that a small car
 engine needs, marked (+): EGR that flows backward, a compressor that passes more flow when the pressure ratio falls below one, and

@@ -12,10 +12,9 @@ import scipy
 
 from lpvobs.engines.channels import Sensor
 from lpvobs.records import Array
-from lpvobs.simulation.courses import blended, lagged
 from lpvobs.simulation.disturbances import ChannelEffect, UnloggedEffect
-from lpvobs.simulation.effects import CatalogueEffect
-from lpvobs.simulation.instruments import rectified
+from lpvobs.simulation.effects import CatalogueEffect, blended
+from lpvobs.simulation.instruments import lagged, rectified
 from lpvobs.simulation.integrate import RECORDED, TRAIL, Samples, at_samples
 from lpvobs.simulation.parameters import ErrorSurface, Structure
 from lpvobs.simulation.road import CHARGE_LAG
@@ -93,30 +92,22 @@ def delayed(W: Array, step: float, delay: float) -> Array:
 
 def surface_error(surface: ErrorSurface, u_delta: Array, n_e: Array, W_c: Array) -> Array:
     """Return reading minus truth without noise, shape (N,) [kg/s], at true fuel [mg/cycle], speed [rpm] and flow [kg/s]."""
+    u, n, error = u_delta, n_e, np.zeros_like(W_c)
     if surface.kind == "quadratic":
-        return _quadratic(surface, u_delta, n_e)
-    if surface.kind == "king":
+        a2, a1, b2, b1, c2, c1 = surface.coefficients
+        error = (a2 * u + a1) * u + (b2 * n + b1) * n + c2 * u * n + c1  # Eq. (37)
+        for bump in surface.bumps:
+            distance = ((u - bump.u_delta) / bump.width_u_delta) ** 2 + ((n - bump.n_e) / bump.width_n_e) ** 2
+            error = error + bump.amplitude * np.exp(-0.5 * distance)
+    elif surface.kind == "king":
         aged = surface.offset + surface.slope * np.maximum(W_c, 0.0) ** surface.exponent
-        return np.asarray(aged ** (1.0 / surface.exponent) - W_c)
-    if surface.kind == "table":
-        return _table(surface, u_delta, n_e)
-    return np.zeros_like(W_c)
-
-
-def _quadratic(surface: ErrorSurface, u: Array, n: Array) -> Array:
-    a2, a1, b2, b1, c2, c1 = surface.coefficients
-    error = (a2 * u + a1) * u + (b2 * n + b1) * n + c2 * u * n + c1
-    for bump in surface.bumps:
-        distance = ((u - bump.u_delta) / bump.width_u_delta) ** 2 + ((n - bump.n_e) / bump.width_n_e) ** 2
-        error = error + bump.amplitude * np.exp(-0.5 * distance)
+        error = aged ** (1.0 / surface.exponent) - W_c
+    elif surface.kind == "table":
+        axes = (np.array(surface.n_e, dtype=float), np.array(surface.u_delta, dtype=float))
+        held = [np.clip(values, axis[0], axis[-1]) for values, axis in zip((n, u), axes, strict=True)]
+        table = scipy.interpolate.RegularGridInterpolator(axes, np.array(surface.values, dtype=float))
+        error = table(np.column_stack(held))
     return np.asarray(error)
-
-
-def _table(surface: ErrorSurface, u: Array, n: Array) -> Array:
-    axes = (np.asarray(surface.n_e, dtype=float), np.asarray(surface.u_delta, dtype=float))
-    table = scipy.interpolate.RegularGridInterpolator(axes, np.asarray(surface.values, dtype=float))
-    held = [np.clip(values, axis[0], axis[-1]) for values, axis in zip((n, u), axes, strict=True)]
-    return np.asarray(table(np.column_stack(held)))
 
 
 @dataclass(frozen=True)
@@ -139,8 +130,7 @@ class Instruments:
         W = after(self.effects, {"leak.inlet": self._drawn_in_behind}, point["W_c"], time, point)
         misread = W * rectified(self.structure.maf_element, point["n_e"], point["u_delta"])
         W = W + surface_error(self.surface, point["u_delta"], point["n_e"], W) + misread  # Eq. (7)
-        order = list(MAF)
-        own = sorted((effect for effect in self.effects if effect.id in MAF), key=lambda effect: order.index(effect.id))
+        own = [effect for identifier in MAF for effect in self.effects if effect.id == identifier]
         W = after(own, MAF, W, time, point)
         for disturbance in self.disturbances:
             W = disturbance.on(W, time, point)
@@ -175,47 +165,30 @@ def sense(
         shown[name] = after(instruments.effects, formulas, values, time, truth)
     shown["W_maf"] = instruments.maf(truth, time)
     if trail.shape[0] > 0:
-        shown |= _with_trail(instruments, scene, samples, trail, (time, truth, shown))
+        drivers = {found.channel for found in settled if isinstance(found, ChannelEffect)}
+        fine = np.linspace(0.0, (trail.shape[0] - 1) * instruments.step, trail.shape[0])
+        point = dict(zip(TRAIL, trail.T, strict=True)) | scene.at(fine, ("p_amb", "T_amb"))
+        point |= {name: np.interp(fine, time, truth[name]) for name in drivers}
+        for channel, prefix in (("W_maf", "maf."), ("T_im", "T_im.")):
+            slow = [found for found in instruments.effects if found.id in WITH_MEMORY and found.id.startswith(prefix)]
+            if slow:
+                values = instruments.maf(point, fine) if channel == "W_maf" else point[channel]
+                remembered = at_samples(with_memory(values, instruments.step, slow), samples, instruments.step)
+                # before the memory's onset and after its end it shows what it would without one, to the last bit
+                at_work = np.any([found.at(time) for found in slow], axis=0)
+                shown[channel] = np.where(at_work, remembered, shown[channel])
     return truth, shown
-
-
-def _with_trail(
-    instruments: Instruments,
-    scene: DriveCourse,
-    samples: Samples,
-    trail: Array,
-    sampled: tuple[Array, Mapping[str, Array], Mapping[str, Array]],
-) -> dict[str, Array]:
-    """Return what sensors with a memory show at the samples, from the trail at every step of the integrator."""
-    # Before the memory's onset and after its end they show what they would without one, to the last bit.
-    step, (times, truth, direct) = instruments.step, sampled
-    time = np.linspace(0.0, (trail.shape[0] - 1) * step, trail.shape[0])
-    drivers = {found.channel for found in instruments.disturbances if isinstance(found, ChannelEffect)}
-    point = {
-        **dict(zip(TRAIL, trail.T, strict=True)),
-        **{name: np.interp(time, times, truth[name]) for name in drivers},
-        **scene.at(time, ("p_amb", "T_amb")),
-    }
-    late = {}
-    for channel, prefix in (("W_maf", "maf."), ("T_im", "T_im.")):
-        slow = [found for found in instruments.effects if found.id in WITH_MEMORY and found.id.startswith(prefix)]
-        if slow:
-            values = instruments.maf(point, time) if channel == "W_maf" else point[channel]
-            remembered = at_samples(with_memory(values, step, slow), samples, step)
-            at_work = np.any([found.at(times) for found in slow], axis=0)
-            late[channel] = np.where(at_work, remembered, direct[channel])
-    return late
 
 
 def behind(sensors: Mapping[str, Sensor], shown: Mapping[str, Array], step: float) -> dict[str, Array]:
     """Return what stated sensors show of signals, shape (M,) every `step` seconds: behind lag, running mean and dead time."""
-    return {name: _behind(sensor, shown[name], step) for name, sensor in sensors.items() if name in shown}
-
-
-def _behind(sensor: Sensor, values: Array, step: float) -> Array:
-    slow = lagged(values, step, sensor.tau) if sensor.tau else values
-    width = round(sensor.filter / step)
-    if width > 1:
-        mean = np.concatenate(([0.5], np.ones(width - 1), [0.5])) / width
-        slow = np.convolve(mean, slow - slow[0])[: slow.size] + slow[0]
-    return delayed(slow, step, sensor.delay) if sensor.delay else np.asarray(slow)
+    late = {}
+    for name, sensor in sensors.items():
+        if name in shown:
+            slow = lagged(shown[name], step, sensor.tau) if sensor.tau else shown[name]
+            width = round(sensor.filter / step)
+            if width > 1:
+                mean = np.concatenate(([0.5], np.ones(width - 1), [0.5])) / width
+                slow = np.convolve(mean, slow - slow[0])[: slow.size] + slow[0]
+            late[name] = delayed(slow, step, sensor.delay) if sensor.delay else slow
+    return late

@@ -50,11 +50,9 @@ class Auxiliary:
     channels: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        for name in self.channels:
-            if name not in AUXILIARY:
-                raise ValueError(
-                    f"channels: '{name}' is not an auxiliary channel; expected some of {', '.join(AUXILIARY)}"
-                )
+        if strange := [name for name in self.channels if name not in AUXILIARY]:
+            known = ", ".join(AUXILIARY)
+            raise ValueError(f"channels: '{strange[0]}' is not an auxiliary channel; expected some of {known}")
         if len(set(self.channels)) < len(self.channels):
             raise ValueError(f"channels: {', '.join(self.channels)} lists a channel twice; name each channel once")
 

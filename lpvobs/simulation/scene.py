@@ -97,14 +97,13 @@ def scene_of(
     measured, ambient = isinstance(table, SpeedCycle), parameters.ambient
     if isinstance(table, SpeedCycle):
         if parameters.vehicle is None:
-            raise UsageError(
-                f"--cycle {cycle}: this cycle is a vehicle's speed over time, but the configuration has no [simulation.vehicle]; "
-                f"choose an engine cycle such as whtc, or add that table"
-            )
+            said = "this cycle is a vehicle's speed over time, but the configuration has no [simulation.vehicle]"
+            raise UsageError(f"--cycle {cycle}: {said}; choose an engine cycle such as whtc, or add that table")
         n_e, u_delta, speed = drive_speed_cycle(parameters.vehicle, work, table, period)
     else:
         n_e, u_delta = drive_engine_cycle(parameters.full_load, work, table, period)
-        speed = likely_speed(parameters.full_load, n_e)
+        idle, fastest = parameters.full_load.idle_speed, parameters.full_load.n_e[-1]
+        speed = np.where(n_e > idle + IDLING, FASTEST * (n_e - idle) / (fastest - idle), 0.0)  # a likely one
     V_d, heat = engine.geometry.V_d, parameters.combustion.q_HV * 1e-6 / 120.0 * u_delta * n_e * engine.geometry.n_cyl
     channels: Mapping[str, Array] = {}
     logged: tuple[str, ...] = ()
@@ -114,15 +113,13 @@ def scene_of(
     else:
         p_amb, T_amb, load, channels = road(period, ambient.p_amb, ambient.T_amb, speed, measured, heat, seed)
         u_delta, coolant = with_load(work, parameters.full_load, n_e, u_delta, load), channels["T_coolant"]
-        logged = _logged(auxiliary, measured, cycle)
+        if "v_veh" in auxiliary.channels and not measured:
+            said = f"[auxiliary]: cycle {cycle} is an engine cycle without a vehicle speed"
+            raise UsageError(f"{said}; remove v_veh from channels")
+        there = [name for name in AUXILIARY if measured or name != "v_veh"]
+        logged = tuple(name for name in there if name in (auxiliary.channels or there))
     wall = wall_temperature(period, coolant, heat / V_d)
     return DriveCourse(Course(n_e, u_delta, p_amb, T_amb, wall, speed), period, channels, logged)
-
-
-def likely_speed(full_load: FullLoad, n_e: Array) -> Array:
-    """Return a speed [m/s], shape (M,), that goes with the engine speed [rpm] where a cycle knows no vehicle."""
-    idle = full_load.idle_speed
-    return np.where(n_e > idle + IDLING, FASTEST * (n_e - idle) / (full_load.n_e[-1] - idle), 0.0)
 
 
 def with_load(work: Work, full_load: FullLoad, n_e: Array, u_delta: Array, load: Array) -> Array:
@@ -130,13 +127,3 @@ def with_load(work: Work, full_load: FullLoad, n_e: Array, u_delta: Array, load:
     # Full load gives no more: there the load takes from what drives the car.
     most = np.maximum(np.interp(n_e, full_load.n_e, full_load.u_delta), u_delta)
     return np.where(u_delta > 0.0, np.minimum(u_delta + 4.0 * pi * load / work.per_fuel, most), u_delta)
-
-
-def _logged(auxiliary: Auxiliary, measured: bool, cycle: str) -> tuple[str, ...]:
-    if "v_veh" in auxiliary.channels and not measured:
-        raise UsageError(
-            f"[auxiliary]: cycle {cycle} is an engine cycle without a vehicle speed; remove v_veh from channels"
-        )
-    if auxiliary.channels:
-        return tuple(name for name in AUXILIARY if name in auxiliary.channels)
-    return tuple(name for name in AUXILIARY if measured or name != "v_veh")

@@ -15,7 +15,7 @@ from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.errors import UsageError
 from lpvobs.records import Array
 from lpvobs.simulation.disturbances import ChannelEffect, Injected
-from lpvobs.simulation.effects import CATALOGUE, CatalogueEffect
+from lpvobs.simulation.effects import CATALOGUE, CatalogueEffect, Timed
 from lpvobs.simulation.instruments import record, shown_late
 from lpvobs.simulation.integrate import Trip, drive, sample_times, targets_of
 from lpvobs.simulation.parameters import ErrorSurface, SimulationParameters
@@ -27,20 +27,14 @@ from lpvobs.simulation.scene import DriveCourse, scene_of
 LEVELS = 200  # steps in which an effect grows: half a per cent of it
 
 
-def stages_of(
-    plant: Plant, effects: Sequence[CatalogueEffect], period: float, actions: int
-) -> tuple[tuple[int, Plant], ...]:
-    """Return the plant from each action of the control on at which its condition changes, the first from action 0."""
-    # Of the effects those that live in the plant count. An onset between two actions, `period` seconds apart, waits for the
-    # later one; the drive has `actions` of them.
+def stages_of(plant: Plant, effects: Sequence[CatalogueEffect], time: Array) -> tuple[tuple[int, Plant], ...]:
+    """Return the plant from each action of the control, at given times [s], on at which its condition changes, the first from 0."""
+    # Of the effects those that live in the plant count. An onset between two actions waits for the later one.
     acting = [effect for effect in effects if effect.kind.place == "plant"]
-    time = np.arange(0.0, actions) * period
-    levels = np.array([np.round(LEVELS * effect.share(time)) for effect in acting]).reshape(len(acting), actions)
+    levels = np.array([np.round(LEVELS * effect.share(time)) for effect in acting]).reshape(len(acting), time.size)
     changes = np.flatnonzero(np.abs(np.diff(levels, axis=1)).sum(axis=0)) + 1
-    return tuple(
-        (now, plant._replace(condition=_condition(acting, (levels[:, now] / LEVELS).tolist())))
-        for now in [0, *changes.tolist()]
-    )
+    shares = {now: (levels[:, now] / LEVELS).tolist() for now in [0, *changes.tolist()]}
+    return tuple((now, plant._replace(condition=_condition(acting, there))) for now, there in shares.items())
 
 
 def _condition(effects: Sequence[CatalogueEffect], shares: Sequence[float]) -> Condition:
@@ -57,12 +51,8 @@ def _condition(effects: Sequence[CatalogueEffect], shares: Sequence[float]) -> C
 
 
 FINE = 500.0  # hz, of the signals behind sensors with a memory: a hot film takes 15 ms
-UNITS = {
-    "time": "s",
-    **{name: channel.unit for name, channel in Diesel.channels.items()},
-    "ref_W_c": "kg/s",
-    "ref_delta_W_c": "kg/s",
-}
+UNITS = {"time": "s"} | {name: channel.unit for name, channel in Diesel.channels.items()}
+UNITS |= {"ref_W_c": "kg/s", "ref_delta_W_c": "kg/s"}
 
 
 @dataclass(frozen=True)
@@ -98,32 +88,39 @@ def simulate(
     Raises UsageError for an unknown cycle, an impossible rate or seed, or an effect that cannot show on this drive.
     """
     if not 0 < rate <= 1.0 / parameters.step:
-        raise UsageError(
-            f"--rate {rate:g}: expected above 0 and at most {1.0 / parameters.step:g} Hz, the rate of the simulation"
-        )
+        fastest = f"{1.0 / parameters.step:g} Hz, the rate of the simulation"
+        raise UsageError(f"--rate {rate:g}: expected above 0 and at most {fastest}")
     if seed < 0:
         raise UsageError(f"--seed {seed}: expected a whole number that is not negative")
-    scene = scene_of(engine, parameters, cycle, auxiliary, seed)
-    moments = np.arange(0.0, scene.course.n_e.size) * scene.period
-    inputs = {"n_e": scene.course.n_e, "u_delta": scene.course.u_demand, **scene.channels}
-    effects = [
-        effect.along(moments, inputs) if isinstance(effect, CatalogueEffect | ChannelEffect) else effect
-        for effect in effects
-    ]
+    scene, form, size = scene_of(engine, parameters, cycle, auxiliary, seed), parameters.structure, engine.geometry
+    course = scene.course
+    moments = np.arange(0.0, course.n_e.size) * scene.period
+    inputs = {"n_e": course.n_e, "u_delta": course.u_demand, **scene.channels}
+    effects = [effect.along(moments, inputs) if isinstance(effect, Timed) else effect for effect in effects]
     for effect in effects:
         _check_that_it_shows(effect, scene)
+    catalogued = [effect for effect in effects if isinstance(effect, CatalogueEffect)]
+    others = tuple(effect for effect in effects if not isinstance(effect, CatalogueEffect))
     pulsing = [CatalogueEffect("maf.backflow", sensor.pulsation) for sensor in sensors.values() if sensor.pulsation]
-    effects = (*effects, *pulsing)
+    acting = tuple(effect for effect in (*catalogued, *pulsing) if effect.acts)
     # samples that are taken for each that is logged: sensors and recorders with a memory need `FINE` of them a second
-    form = parameters.structure
     slow = form.thermocouple + form.maf_element + form.rasters > 0.0
     remembers = slow or any(sensor.tau or sensor.late for sensor in sensors.values())
     most = floor(1.0 / (parameters.step * rate) + 1e-9) if remembers else 1
     fine = max(1, min(ceil(FINE / rate), most))
-    truth, shown = _drive(engine, parameters, scene, rate * fine, surface or parameters.surface, effects, progress)
-    shown |= behind(sensors, shown, 1.0 / (rate * fine))
-    logged, step = {name: shown[name] for name in UNITS if name in shown}, 1.0 / (rate * fine)
-    readings = record(form.rasters, sensors, logged, engine.geometry.n_cyl, fine, step, parameters.sensors, seed)
+    plant, step = plant_of(engine, parameters), 1.0 / (rate * fine)
+    samples = sample_times(rate * fine, scene.duration, parameters.step)
+    trip = Trip(targets_of(parameters, size.n_cyl), course, samples, parameters.step)
+    stages, x = stages_of(plant, acting, moments[:-1]), resting_state(plant, course.p_amb[0], course.T_amb[0])
+    with_trail = any(effect.id in WITH_MEMORY for effect in acting)
+    recorded, trail = drive(stages, trip, x, progress, with_trail)
+    instruments = Instruments(surface or parameters.surface, engine.gas.R_a, parameters.step, acting, others, form)
+    truth, shown = sense(instruments, scene, samples, recorded, trail)
+    shown |= shown_late(form, truth, shown, size.V_d, size.n_cyl, step)
+    truth["W_maf"] = shown["W_maf"]
+    shown |= behind(sensors, shown, step)
+    logged = {name: shown[name] for name in UNITS if name in shown}
+    readings = record(form.rasters, sensors, logged, size.n_cyl, fine, step, parameters.sensors, seed)
     truth, shown = ({name: values[::fine] for name, values in signals.items()} for signals in (truth, shown))
     if auxiliary is not None:
         readings |= measure_road(shown, scene.logged, seed)
@@ -137,55 +134,21 @@ def _check_that_it_shows(effect: Injected, scene: DriveCourse) -> None:
     """Refuse an effect that would leave no trace: whoever looked for it later would look in vain."""
     if isinstance(effect, ChannelEffect) and effect.channel not in scene.logged:
         raise UsageError(
-            f"{effect.id}: the drive does not log channel {effect.channel}; add it to [auxiliary] channels = [...], "
-            f"or take a cycle that has it"
+            f"{effect.id}: the drive does not log channel {effect.channel}; add it to [auxiliary] channels, or take another cycle"
         )
-    if isinstance(effect, CatalogueEffect | ChannelEffect) and (effect.onset or 0.0) >= scene.duration:
-        raise UsageError(
-            f"{effect.id}: onset = {effect.onset:g} s, expected a time before the end of the drive at {scene.duration:g} s"
-        )
+    if isinstance(effect, Timed) and (effect.onset or 0.0) >= scene.duration:
+        wanted = f"a time before the end of the drive at {scene.duration:g} s"
+        raise UsageError(f"{effect.id}: onset = {effect.onset:g} s, expected {wanted}")
     if not isinstance(effect, CatalogueEffect):
         return
     if effect.id == "maf.drift":
         until, gain = min(effect.end or scene.duration, scene.duration), CATALOGUE["maf.gain"]
         if not gain.low <= (factor := 1.0 + effect.value * until) <= gain.high:
-            raise UsageError(
-                f"{effect.id}: rate = {effect.value:g} 1/s multiplies the reading by {factor:g} at {until:g} s, "
-                f"expected a factor of {gain.low:g} to {gain.high:g}; take a smaller rate"
-            )
+            said = f"{effect.id}: rate = {effect.value:g} 1/s multiplies the reading by {factor:g} at {until:g} s"
+            raise UsageError(f"{said}, expected a factor of {gain.low:g} to {gain.high:g}; take a smaller rate")
     if effect.id == "maf.temperature" and effect.acts and np.all(scene.course.T_amb == WARM):
-        raise UsageError(
-            f"{effect.id}: this effect would change nothing, because T_amb stays at {WARM:g} K; add an [auxiliary] table"
-        )
-
-
-def _drive(
-    engine: DieselEngine,
-    parameters: SimulationParameters,
-    scene: DriveCourse,
-    rate: float,
-    surface: ErrorSurface,
-    effects: Sequence[Injected],
-    progress: Callable[[float], None] | None,
-) -> tuple[dict[str, Array], dict[str, Array]]:
-    """Return the truth at the samples and what noise-free sensors show of it, by channel, each of shape (N,)."""
-    course, plant = scene.course, plant_of(engine, parameters)
-    acting = tuple(effect for effect in effects if isinstance(effect, CatalogueEffect) and effect.acts)
-    others = tuple(effect for effect in effects if not isinstance(effect, CatalogueEffect))
-    samples = sample_times(rate, scene.duration, parameters.step)
-    recorded, trail = drive(
-        stages_of(plant, acting, scene.period, course.n_e.size - 1),
-        Trip(targets_of(parameters, engine.geometry.n_cyl), course, samples, parameters.step),
-        resting_state(plant, course.p_amb[0], course.T_amb[0]),
-        progress,
-        with_trail=any(effect.id in WITH_MEMORY for effect in acting),
-    )
-    structure = parameters.structure
-    instruments = Instruments(surface, engine.gas.R_a, parameters.step, acting, others, structure)
-    truth, shown = sense(instruments, scene, samples, recorded, trail)
-    size = engine.geometry
-    shown |= shown_late(structure, truth, shown, size.V_d, size.n_cyl, 1.0 / rate)
-    return truth | {"W_maf": shown["W_maf"]}, shown
+        said = f"{effect.id}: this effect would change nothing, because T_amb stays at {WARM:g} K"
+        raise UsageError(f"{said}; add an [auxiliary] table")
 
 
 GIVEN = frozenset({"R_a", "R_e", "c_pa", "c_pe", "gamma_a", "gamma_e", "n_cyl", "Q_11", "Q_12", "Q_22"})
@@ -207,9 +170,8 @@ def drawn(
     within = tolerance if isinstance(tolerance, Mapping) else {name: tolerance for name in names if name not in GIVEN}
     for name in within:
         if name not in names or name.startswith("Q_") or name == "n_cyl":
-            raise UsageError(
-                f"constant '{name}' cannot be varied at random; expected one or more of {', '.join(sorted(set(names) - GIVEN))}"
-            )
+            known = ", ".join(sorted(set(names) - GIVEN))
+            raise UsageError(f"constant '{name}' cannot be varied at random; expected one or more of {known}")
     streams = {name: np.random.PCG64([seed, zlib.crc32(f"constant {name}".encode())]) for name in within}
     deviation = {name: size * np.random.Generator(streams[name]).uniform(-1.0, 1.0) for name, size in within.items()}
     return scaled(engine, deviation), deviation

@@ -8,20 +8,17 @@ import numpy as np
 
 from lpvobs.compiled import njit
 from lpvobs.engines.diesel.constants import DieselEngine
+from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.errors import DataError, UsageError
 from lpvobs.records import Array
 from lpvobs.simulation import integrate
-from lpvobs.simulation.derivative import derivative, flows
 from lpvobs.simulation.instruments import FREE, measure, wall_temperature
-from lpvobs.simulation.integrate import Commands, Course, Interval, Samples, Trip
+from lpvobs.simulation.integrate import Commands, Course, Interval, Samples, Trip, derivative, flows
 from lpvobs.simulation.parameters import FullLoad, SimulationParameters
 from lpvobs.simulation.plant import STATES, U_VGT, Plant, plant_of, resting_state
 
-UNITS = {
-    "n_e": "rpm", "u_delta": "mg/cycle", "u_egr": "%", "u_vgt": "%", "p_im": "Pa", "p_em": "Pa", "omega_t": "rad/s",
-    "T_im": "K", "T_em": "K", "p_amb": "Pa", "T_amb": "K", "W_reference": "kg/s", "sd_W_reference": "kg/s",
-    "W_egr_reference": "kg/s", "W_f": "kg/s",
-}  # fmt: skip
+UNITS = {name: channel.unit for name, channel in Diesel.channels.items() if name != "W_maf"}
+UNITS |= dict.fromkeys(("W_reference", "sd_W_reference", "W_egr_reference", "W_f"), "kg/s")
 MOST_POINTS = 1000
 READ = ("n_e", "u_delta", "p_im", "p_em", "omega_t", "T_im", "T_em")
 """What sensors with noise read; positions and surroundings are set."""
@@ -86,12 +83,21 @@ def bench(
             if progress is not None:
                 progress(len(truth) / points)
     if len(truth) < points:
-        raise DataError(
-            f"the simulated engine settles at {len(truth)} of the {MOST_TRIES * points} points tried, expected {points} settled "
-            f"points; use smaller amplitudes in [simulation.structure], or other set-points"
+        said = (
+            f"the simulated engine settles at {len(truth)} of the {MOST_TRIES * points} points tried, expected {points}"
         )
-    columns = {name: np.array([row[name] for row in truth]) for name in truth[0]}
-    return BenchTable(_measured(columns, parameters, seed), UNITS)
+        raise DataError(f"{said}; use smaller amplitudes in [simulation.structure], or other set-points")
+    true, readings_each = {name: np.array([row[name] for row in truth]) for name in truth[0]}, round(RECORDED * RATE)
+    table = {name: true[name] for name in UNITS if name in true}
+    for name in READ:
+        readings = measure(name, np.repeat(true[name], readings_each), parameters.sensors, seed)
+        table[name] = readings.reshape(points, readings_each).mean(axis=1)
+    noise = np.random.Generator(np.random.PCG64([seed, points])).standard_normal((3, points))
+    table["W_reference"] = true["W_c"] * (1.0 + METER * noise[0])
+    table["sd_W_reference"] = METER * table["W_reference"]
+    table["W_egr_reference"] = true["W_egr"] + (EGR_METER[0] * np.abs(true["W_egr"]) + EGR_METER[1]) * noise[1]
+    table["W_f"] = true["W_f"] * (1.0 + FUEL * noise[2])
+    return BenchTable({name: table[name] for name in UNITS}, UNITS)
 
 
 def spread(full_load: FullLoad, points: int, seed: int) -> Sequence[SteadyPoint]:
@@ -155,18 +161,3 @@ def settle(plant: Plant, held: Interval, step: float, x: Array) -> bool:
         if np.all(np.abs(rate) <= STILL * np.maximum(np.abs(x), 1e-2)):
             return True
     return False
-
-
-def _measured(truth: dict[str, Array], parameters: SimulationParameters, seed: int) -> dict[str, Array]:
-    """Return the columns of the table, each of shape (N,), from the truth."""
-    points, readings_each = truth["n_e"].size, round(RECORDED * RATE)
-    table = {name: truth[name] for name in UNITS if name in truth}
-    for name in READ:
-        readings = measure({name: np.repeat(truth[name], readings_each)}, parameters.sensors, seed)[name]
-        table[name] = readings.reshape(points, readings_each).mean(axis=1)
-    noise = np.random.Generator(np.random.PCG64([seed, points])).standard_normal((3, points))
-    table["W_reference"] = truth["W_c"] * (1.0 + METER * noise[0])
-    table["sd_W_reference"] = METER * table["W_reference"]
-    table["W_egr_reference"] = truth["W_egr"] + (EGR_METER[0] * np.abs(truth["W_egr"]) + EGR_METER[1]) * noise[1]
-    table["W_f"] = truth["W_f"] * (1.0 + FUEL * noise[2])
-    return {name: table[name] for name in UNITS}

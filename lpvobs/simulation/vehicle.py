@@ -34,12 +34,8 @@ def work_of(engine: DieselEngine, parameters: SimulationParameters) -> Work:
     f_0, f_1, f_2 = fire.friction_bar
     dp_0, dp_1 = parameters.setpoints.delta_p
     ideal = 1.0 - fire.compression_ratio ** (1.0 - fire.gamma_cyl)
-    return Work(
-        per_fuel=1e-6 * engine.geometry.n_cyl * fire.q_HV * fire.eta_ig * ideal,
-        loss_0=V_d * (1e5 * f_2 + dp_0),
-        loss_1=V_d * (1e5 * f_1 / 1e3 + dp_1),
-        loss_2=V_d * 1e5 * f_0 / 1e6,
-    )
+    per_fuel = 1e-6 * engine.geometry.n_cyl * fire.q_HV * fire.eta_ig * ideal
+    return Work(per_fuel, V_d * (1e5 * f_2 + dp_0), V_d * (1e5 * f_1 / 1e3 + dp_1), V_d * 1e5 * f_0 / 1e6)
 
 
 @njit(cache=True)
@@ -201,17 +197,12 @@ def moved(car: Car, work: Work, now: Moment, force: float, dt: float) -> Moment:
     ratio = car.ratio[now.gear]
     fading = min(max(1.0 - (now.n_e - car.idle_speed) / IDLE_BAND, 0.0), 1.0)
     governed = fuel(work, car.idle_speed, car.accessory_torque) * fading
-    asked = governed
-    target = car.idle_speed
+    asked, target = governed, car.idle_speed
     if now.engaged:
         limit = interpolate(car.pedal_n_e, car.pedal_u_delta, now.n_e)
         asked = max(governed, min(fuel(work, now.n_e, force / (ratio * car.efficiency) + car.accessory_torque), limit))
-        slipping = (
-            car.idle_speed + (car.launch_speed - car.idle_speed) * min(max(asked / 15.0, 0.0), 1.0)
-            if force > 0.0
-            else car.idle_speed
-        )
-        target = max(ratio * now.speed * RPM, slipping if now.gear == 0 else car.idle_speed)
+        launching = min(max(asked / 15.0, 0.0), 1.0) if force > 0.0 and now.gear == 0 else 0.0
+        target = max(ratio * now.speed * RPM, car.idle_speed + (car.launch_speed - car.idle_speed) * launching)
     elif now.since_shift < car.shift_time:
         target = max(ratio * now.speed * RPM, car.idle_speed)
     u_delta = now.u_delta + dt / car.pedal_time * (asked - now.u_delta)

@@ -24,8 +24,6 @@ SURPRISE = 1000.0
 """To one: one healthy vehicle of a thousand may be accused by chance."""
 MOST_EVENTS = 5
 HELD = 0.9
-
-
 UNEASY = (1.0, 2.0, 4.0)
 """Times more than those of other vehicles the days of one may differ: else its scatter would be taken for changes."""
 
@@ -146,10 +144,8 @@ def _least(vehicle: Timeline, sizes: Fleetwide) -> Iterator[float]:
     """Yield the smallest change of the gain that is found nine times out of ten, in a month of a trend, and at once half-way."""
     R, _ = vehicle.explained(sizes.uneasy(UNEASY[-1]), ())
     middle = vehicle.day.size // 2
-    for event, months in (
-        (Event("trend"), 12.0),
-        (Event("step", float(vehicle.day[middle - 1 : middle + 1].mean())), 1.0),
-    ):
+    half_way = Event("step", float(vehicle.day[middle - 1 : middle + 1].mean()))
+    for event, months in ((Event("trend"), 12.0), (half_way, 1.0)):
         X = np.kron(vehicle.design((event,), vehicle.day), np.eye(CHANGE.size))
         s, axes = np.linalg.eigh(X.T @ R @ X)
         s = np.maximum(s, 0.0)

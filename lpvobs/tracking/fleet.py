@@ -151,15 +151,11 @@ class Fleet:
         with_trend = story if "trend" in kinds else replace(story, events=(*events, Event("trend")))
         trend, *changes = self.sizes_of(vehicle, with_trend)
         begin, last = (vehicle.logs[i].date for i in (0, -1))
-
-        def dates(event: Event) -> tuple[float, float, float]:
-            return begin + YEAR * event.day, begin + YEAR * event.earliest, begin + YEAR * event.latest
-
-        found = [
-            MapChange(name, each.kind, *dates(each), *size)
-            for each, size in zip(events, changes, strict=False)
-            if each.kind != "trend"
-        ]
+        found = []
+        for each, size in zip(events, changes, strict=False):
+            if each.kind != "trend":
+                date, earliest, latest = (begin + YEAR * day for day in (each.day, each.earliest, each.latest))
+                found.append(MapChange(name, each.kind, date, earliest, latest, *size))
         words = ["changed"] * bool(kinds - {"trend"}) + ["drifts"] * ("trend" in kinds and "renewal" not in kinds)
         verdict = " and ".join(words) or "steady"
         return Standing(name, vehicle.sums.kind, len(vehicle.logs), begin, last, verdict, *trend, unlike), found
@@ -190,9 +186,8 @@ class Fleet:
         What the type adds to the last map, it adds to all: 1 + modes onto.
         """
         on, apart = own.nodes, kind.between + kind.covariance
-        gain = np.linalg.solve(
-            own.last + apart[np.ix_(on, on)], np.column_stack([own.mean[-1] - kind.mean[on], apart[on]])
-        )
+        away = np.column_stack([own.mean[-1] - kind.mean[on], apart[on]])
+        gain = np.linalg.solve(own.last + apart[np.ix_(on, on)], away)
         mean, covariance = kind.mean + apart[:, on] @ gain[:, 0], apart - apart[:, on] @ gain[:, 1:]
         return mean, covariance, own.beyond[:-1] @ np.linalg.inv(own.last)
 
@@ -250,18 +245,13 @@ def track(
             break
         fleet = replace(fleet, sizes=sizes)
     driven_in = {vehicle: list(dict.fromkeys(periods[log.sha256] for log in vehicle.logs)) for vehicle in vehicles}
-    own = {
-        vehicle: alone(vehicle, fleet.at(stories[vehicle]), fleet.middles(vehicle, names))
-        for vehicle, names in driven_in.items()
-    }
-    types = {}
+    own, types = {}, {}
+    for vehicle, names in driven_in.items():
+        own[vehicle] = alone(vehicle, fleet.at(stories[vehicle]), fleet.middles(vehicle, names))
     for kind in sorted({each.kind for each in sums}):
         members = [maps for vehicle, maps in own.items() if vehicle.sums.kind == kind]
         types[kind] = type_map(kind, members, basis.modes(basis.flow), prior)
-    standings: list[Standing] = []
-    changes: list[MapChange] = []
-    maps: list[PeriodMap] = []
-    cells: list[NextCell] = []
+    standings, changes, maps, cells = list[Standing](), list[MapChange](), list[PeriodMap](), list[NextCell]()
     for vehicle, over_time in own.items():
         values, errors, unlike = fleet.as_member(vehicle, over_time, types[vehicle.sums.kind])
         standing, changed = fleet.part(vehicle, stories[vehicle], unlike)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from lpvobs.records import Array, Item
 from lpvobs.tracking.sums import MODES
-from lpvobs.tracking.timeline import CHANGE, Event, Fleetwide, Timeline
+from lpvobs.tracking.timeline import CHANGE, Event, Fleetwide, Timeline, by_mode
 
 SIZES = (0.0, 0.1, 0.3, 1.0, 3.0)
 """Over `CHANGE`, and over `NODE`: what is tried of how vehicles differ."""
@@ -36,9 +36,8 @@ class OverTime:
     last: Array  # (p, p) [kg^2/s^2] of the errors of the last day
     variance: Array  # (N, p) [kg^2/s^2] of the errors of each day
     modes: Array  # (p, k) [kg/s]
-    beyond: (
-        Array  # (N, k, p) [kg/s]: `modes` times this is what the covariance of each day with the last has beyond `last`
-    )
+    # (N, k, p) [kg/s]: `modes` times this is what the covariance of each day with the last has beyond `last`
+    beyond: Array
 
 
 def alone(vehicle: Timeline, story: tuple[Fleetwide, Sequence[Event]], day: Array) -> OverTime:
@@ -93,7 +92,7 @@ def type_map(kind: str, maps: Sequence[OverTime], Phi: Array, prior: float) -> T
 
     @cache
     def pooled(level: float, shape: float, gain: float, node: float) -> tuple[Array, Array, float]:
-        return pools(NODE * max(node, LEAST)).with_modes(_deviations(level, shape, gain))
+        return pools(NODE * max(node, LEAST)).with_modes(CHANGE * by_mode(level, shape, gain))
 
     sizes = dict.fromkeys(("level", "shape", "gain", "node"), 1.0)
     for _ in range(SWEEPS if len(maps) > 2 else 0):
@@ -101,14 +100,9 @@ def type_map(kind: str, maps: Sequence[OverTime], Phi: Array, prior: float) -> T
             sizes = max(({**sizes, name: size} for size in SIZES), key=lambda sizes: pooled(**sizes)[2])
     information, right, _ = pooled(**sizes)
     covariance = np.linalg.inv(information)
-    modes = Phi * _deviations(sizes["level"], sizes["shape"], sizes["gain"])
+    modes = Phi * (CHANGE * by_mode(sizes["level"], sizes["shape"], sizes["gain"]))
     between = modes @ modes.T + (NODE * max(sizes["node"], LEAST)) ** 2 * np.eye(len(Phi))
     return TypeMap(kind, np.asarray(covariance @ right), np.asarray(covariance), np.asarray(between))
-
-
-def _deviations(level: float, shape: float, gain: float) -> Array:
-    """Return how vehicles differ in every mode, shape (k,)."""
-    return np.asarray(CHANGE * np.array([shape] * (MODES - 2) + [level, gain]))
 
 
 class _Pool:
@@ -134,16 +128,10 @@ class _Pool:
         """Return information and right side of the type's map, and the logarithm of the restricted likelihood."""
         across, inner, weighed = self.members
         roots = np.linalg.cholesky(np.eye(MODES) + d[:, None] * inner * d)
-        solved = np.linalg.solve(roots, d[:, None] * np.concatenate([across, weighed], axis=2)).reshape(
-            -1, len(self.right) + 1
-        )
-        Z, fits = solved[:, :-1], solved[:, -1]
+        solved = np.linalg.solve(roots, d[:, None] * np.concatenate([across, weighed], axis=2))
+        Z, fits = solved[..., :-1].reshape(-1, len(self.right)), solved[..., -1].ravel()
         information, right = self.information - Z.T @ Z, self.right - Z.T @ fits
         root = np.linalg.cholesky(information)
         fit = scipy.linalg.solve_triangular(root, right, lower=True)
-        likelihood = self.likelihood + 0.5 * float(fits @ fits + fit @ fit)
-        return (
-            information,
-            right,
-            likelihood - float(sum(np.log(np.einsum("...ii->...i", each)).sum() for each in (roots, root))),
-        )
+        determinants = float(sum(np.log(np.einsum("...ii->...i", each)).sum() for each in (roots, root)))
+        return information, right, self.likelihood + 0.5 * float(fits @ fits + fit @ fit) - determinants

@@ -170,11 +170,8 @@ def basis_of(grid: Grid, solutions: Sequence[Solution], totals: Sequence[Moments
     lasting = float(np.mean([np.trace(as_if_new(each, total) @ weights) for each, total in both])) / weights.shape[0]
     seen = sum(np.einsum("ab,abij->ij", weights, total.products[:, :, :p]) for total in totals)
     error = np.mean([each.theta for each in solutions], axis=0)
-    smooth = [
-        np.linalg.lstsq(terms.T @ seen[:, :p] @ terms, terms.T @ right, rcond=None)[0]
-        for right in (seen[:, -1], seen[:, :p] @ error)
-    ]
-    flow, error = (terms @ each for each in smooth)
+    normal, rights = terms.T @ seen[:, :p] @ terms, (seen[:, -1], seen[:, :p] @ error)
+    flow, error = (terms @ np.linalg.lstsq(normal, terms.T @ right, rcond=None)[0] for right in rights)
     flow = flow_at_nodes(seen[:, :p], seen[:, -1], flow)
     engine, left = root @ axes[:, told > TOLD][:, ::-1], unknowns.at_nodes
     known = (np.zeros(p), np.zeros((p, unknowns.size))) if left is None else (left.mean, left.response)

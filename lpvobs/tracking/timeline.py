@@ -30,6 +30,11 @@ MOST_VEHICLES = 40
 """By name, that `fleetwide` finds its standard deviations from: more do not move them by the last factor."""
 
 
+def by_mode(level: float, shape: float, gain: float) -> Array:
+    """Return these of every mode, shape (k,)."""
+    return np.array([shape] * (MODES - 2) + [level, gain])
+
+
 @dataclass(frozen=True)
 class Fleetwide:
     """Standard deviations that all vehicles share, over those of `CHANGE`."""
@@ -51,7 +56,7 @@ class Fleetwide:
     @property
     def daily(self) -> Array:
         """Variance of every mode between days, shape (k,)."""
-        return np.array([self.shape] * (MODES - 2) + [self.level, self.gain]) ** 2
+        return np.asarray(by_mode(self.level, self.shape, self.gain) ** 2)
 
 
 @dataclass(frozen=True)
@@ -207,9 +212,8 @@ class Story:
 
 def fleetwide(start: Fleetwide, vehicles: Mapping[Timeline, Story]) -> Fleetwide:
     """Return the standard deviations of the largest marginal likelihood, given what has happened to each vehicle."""
-    chosen = sorted((each for each in vehicles if each.day.size > 2), key=lambda each: each.sums.vehicle)[
-        :MOST_VEHICLES
-    ]
+    by_name = sorted(vehicles, key=lambda each: each.sums.vehicle)
+    chosen = [each for each in by_name if each.day.size > 2][:MOST_VEHICLES]
 
     @cache
     def likelihood(sizes: Fleetwide) -> float:

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from lpvobs.errors import UsageError
-from lpvobs.simulation.courses import KEYS
 from lpvobs.simulation.disturbances import injected_of
-from lpvobs.simulation.effects import CATALOGUE, CatalogueEffect
+from lpvobs.simulation.effects import CATALOGUE, KEYS, CatalogueEffect
 
 TIME = np.arange(0.0, 100.0, 0.5)
 TABLES = {

@@ -59,7 +59,7 @@ def test_the_plant_itself_is_neutral_at_neutral_values(config, clean):
 
     plant = plant_of(config.engine, config.simulation)
     nothing = [CatalogueEffect(name, CATALOGUE[name].neutral) for name in PLANT]
-    assert stages_of(plant, nothing, 0.01, 100) == ((0, plant),)
+    assert stages_of(plant, nothing, 0.01 * np.arange(100)) == ((0, plant),)
 
 
 @pytest.mark.parametrize("identifier", ["maf.lag", "maf.delay", "T_im.lag"])

@@ -10,7 +10,7 @@ from repository import CONFIGS
 from lpvobs.engines.diesel.lpv import INPUTS, Diesel, along
 from lpvobs.errors import UsageError
 from lpvobs.io.configuration.config import load_config
-from lpvobs.simulation.derivative import derivative, flows
+from lpvobs.simulation.integrate import derivative, flows
 from lpvobs.simulation.plant import Inputs, plant_of, resting_state
 from lpvobs.simulation.simulate import simulate
 

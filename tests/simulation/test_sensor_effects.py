@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from lpvobs.simulation.effects import CatalogueEffect
+from lpvobs.simulation.instruments import lagged
 from lpvobs.simulation.parameters import ErrorSurface
-from lpvobs.simulation.readings import delayed, lagged
+from lpvobs.simulation.readings import delayed
 from lpvobs.simulation.simulate import simulate
 
 PERFECT = ErrorSurface("zero")

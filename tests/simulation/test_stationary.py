@@ -8,7 +8,7 @@ import pytest
 from lpvobs.engines.diesel.lpv import INPUTS, Diesel, along
 from lpvobs.errors import UsageError
 from lpvobs.simulation import stationary
-from lpvobs.simulation.derivative import flows
+from lpvobs.simulation.integrate import flows
 from lpvobs.simulation.parameters import Structure
 from lpvobs.simulation.plant import Inputs, plant_of
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lpvobs.engines.diesel.lpv import INPUTS, Diesel, along
-from lpvobs.simulation import derivative, instruments, structure
+from lpvobs.simulation import instruments, integrate, structure
 from lpvobs.simulation.instruments import RECORDER
 from lpvobs.simulation.parameters import Structure
 from lpvobs.simulation.plant import Inputs, compressor_flow, cylinder_flow, egr_flow, plant_of, turbine_flow
@@ -35,7 +35,7 @@ def form(config, cycle):
 
 def flows(config, x, **amplitudes):
     plant = plant_of(config.engine, replace(config.simulation, structure=Structure(**amplitudes)))
-    return derivative.flows(plant, x, GIVEN)
+    return integrate.flows(plant, x, GIVEN)
 
 
 def changed(config, x, **amplitudes):
@@ -127,7 +127,7 @@ def test_the_thermocouple_is_late_by_seconds(form):
 def test_the_intercooler_follows_the_vehicle(config):
     x = STATES[1]
     plant = plant_of(config.engine, replace(config.simulation, structure=Structure(thermocouple=1.0)))
-    standing, fast = (derivative.flows(plant, x, GIVEN._replace(v_air=v)).charge_warming for v in (0.0, 30.0))
+    standing, fast = (integrate.flows(plant, x, GIVEN._replace(v_air=v)).charge_warming for v in (0.0, 30.0))
     assert standing > 1.5 * fast
 
 
