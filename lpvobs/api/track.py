@@ -17,9 +17,8 @@ from lpvobs.api.known_engine import KnownEngine, engine_before
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.configuration.config import Config, load_config
 from lpvobs.io.logs.finding import PERIODS, Origins, day_of, find_logs
-from lpvobs.io.logs.parquet import metadata_of
+from lpvobs.io.logs.parquet import log_digest, metadata_of
 from lpvobs.io.logs.reading import LogFile
-from lpvobs.io.logs.remote import log_digest
 from lpvobs.io.results.fleets import FleetSums, StoredFleet, dated, read_fleet, write_fleet, write_table
 from lpvobs.io.results.parts import PartsFolder, run_key
 from lpvobs.io.results.provenance import Provenance

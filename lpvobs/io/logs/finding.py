@@ -10,8 +10,7 @@ from pathlib import Path
 
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.arrow import pq
-from lpvobs.io.logs.parquet import schema_of
-from lpvobs.io.logs.remote import RemotePath, log_path
+from lpvobs.io.logs.parquet import RemotePath, log_path, schema_of
 
 WILD = re.compile(r"[*?]|\[.+\]")
 ENDING = ".parquet"

@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 from lpvobs.engines.channels import Channel
 from lpvobs.errors import DataError
 from lpvobs.io.arrow import pa
-from lpvobs.io.logs import parquet, plausibility
-from lpvobs.io.logs.policies import LogPolicies, together
-from lpvobs.io.logs.remote import log_digest
+from lpvobs.io.logs import parquet
+from lpvobs.io.logs.policies import LogPolicies, refuse_implausible, together, usable_rows
 from lpvobs.io.safety.atomic import state_of
 from lpvobs.records import Array, Defects, Log, Piece
 
@@ -58,13 +57,12 @@ class LogFile:
             parquet.expect(path, self.schema, name, unit)
         # which rows of each slab were used, eight in a byte, and what was found; complete once the pieces have been read
         self.kept: tuple[NDArray[np.uint8], ...] = ()
-        self.defects, self._samples, self._latest = Defects(0), 0, -np.inf
-        self._refusals: list[DataError] = []
+        self.defects = Defects(0)
 
     @cached_property
     def sha256(self) -> str:
         """Digest of the file's bytes."""
-        return log_digest(self.path)
+        return parquet.log_digest(self.path)
 
     def pieces(self) -> Iterator[Piece]:
         """Yield the usable samples, put right where the policies know the sensors."""
@@ -72,59 +70,51 @@ class LogFile:
 
     def slabs(self, further: Sequence[str], most: int) -> Iterator["Slab"]:
         """Yield the usable samples of at most so many rows at a time; further channels stay in the table, as they are."""
-        self.kept, self.defects, self._samples, self._latest = (), Defects(0), 0, -np.inf
-        self._refusals = []
+        self.kept, self.defects = (), Defects(0)
+        samples, latest, refusals = 0, -np.inf, list[DataError]()
         for table in parquet.tables_of(self.path, [*self.units, *further], most, self.threads):
             values = {name: parquet.column_of(self.path, table, name, unit) for name, unit in self.units.items()}
             time = values.pop("time")
-            rows = self._usable_rows(time, values)
+            try:
+                refuse_implausible(self.path, values, self.channels)
+            except DataError as refusal:
+                rows, lost = np.empty(0, dtype=np.int64), Defects(time.size, dropped_rows=time.size)
+                refusals.append(refusal)
+            else:
+                rows, lost = usable_rows(self.path, time, values, self.channels, self.policies, latest)
+            self.defects = together(self.defects, lost)
             mask = np.zeros(time.size, dtype=bool)
             mask[rows] = True
             self.kept += (np.packbits(mask),)
             if rows.size:
-                yield Slab(
-                    table, rows, self._piece(time[rows], {name: column[rows] for name, column in values.items()})
-                )
-        self._refuse_poor()
+                time = time[rows]
+                begins = np.diff(time, prepend=latest) > self.policies.gap_limit
+                gaps = int(np.count_nonzero(begins)) - (not np.isfinite(latest))
+                self.defects = together(self.defects, Defects(0, gaps=gaps))
+                samples, latest = samples + time.size, float(time[-1])
+                channels = {name: column[rows] for name, column in values.items()}
+                channels |= dict.fromkeys(self.absent, np.full(time.size, np.nan))
+                yield Slab(table, rows, Piece(time, channels, begins))
+        self._refuse_poor(samples, refusals)
         _ = self.sha256  # before the last look at the file, so that it is that of the bytes that were read
         if state_of(self.path) != self._state:
             raise DataError(
                 f"{self.path}: the file changed while it was read, expected a finished file; wait until the recording has ended"
             )
 
-    def _usable_rows(self, time: Array, values: Mapping[str, Array]) -> NDArray[np.int64]:
-        try:
-            plausibility.refuse_implausible(self.path, values, self.channels)
-        except DataError as refusal:
-            rows, lost = np.empty(0, dtype=np.int64), Defects(time.size, dropped_rows=time.size)
-            self._refusals.append(refusal)
-        else:
-            rows, lost = plausibility.usable_rows(self.path, time, values, self.channels, self.policies, self._latest)
-        self.defects = together(self.defects, lost)
-        return rows
-
-    def _piece(self, time: Array, channels: dict[str, Array]) -> Piece:
-        begins = np.diff(time, prepend=self._latest) > self.policies.gap_limit
-        gaps = int(np.count_nonzero(begins)) - (not np.isfinite(self._latest))
-        self.defects = together(self.defects, Defects(0, gaps=gaps))
-        self._samples += time.size
-        self._latest = float(time[-1])
-        channels |= dict.fromkeys(self.absent, np.full(time.size, np.nan))
-        return Piece(time, channels, begins)
-
-    def _refuse_poor(self) -> None:
+    def _refuse_poor(self, samples: int, refusals: Sequence[DataError]) -> None:
         """Raise for a log of which next to nothing is left."""
         found = self.defects
         if not found.samples_read:
             raise DataError(f"{self.path}: the log has no rows, expected at least two rows; record or export it again")
-        if 2 * len(self._refusals) > len(self.kept):
-            raise self._refusals[0]
-        if self._samples < 2:
+        if 2 * len(refusals) > len(self.kept):
+            raise refusals[0]
+        if samples < 2:
             worst = max(found.dropped, key=found.dropped.__getitem__, default="time")
             kinds = sorted({finding.kind for finding in found.findings if finding.channel == worst})
             why = f" ({', '.join(kinds)})" if kinds else ""
             raise DataError(
-                f"{self.path}: {self._samples} of {found.samples_read} samples are usable, expected at least two; "
+                f"{self.path}: {samples} of {found.samples_read} samples are usable, expected at least two; "
                 f"channel '{worst}' makes more samples unusable than any other channel{why}; see `lpvobs inspect`"
             )
 
@@ -163,10 +153,10 @@ def read_references(path: Path, rows: NDArray[np.int64]) -> dict[str, Array] | N
 
 
 def references(
-    path: Path, units: Mapping[str, str], kept: tuple[NDArray[np.uint8], ...], threads: bool = True
+    path: Path, units: Mapping[str, str], kept: tuple[NDArray[np.uint8], ...]
 ) -> Iterator[tuple[Array, ...]]:
     """Yield channels in the units given and the sensor's true error at the rows kept, slab by slab."""
     wanted = {**units, "ref_delta_W_c": parquet.REFERENCES["ref_delta_W_c"]}
-    for table, mask in zip(parquet.tables_of(path, list(wanted), SLAB, threads), kept, strict=True):
+    for table, mask in zip(parquet.tables_of(path, list(wanted), SLAB), kept, strict=True):
         rows = np.flatnonzero(np.unpackbits(mask, count=table.num_rows))
         yield tuple(parquet.column_of(path, table, name, unit)[rows] for name, unit in wanted.items())
