@@ -38,9 +38,8 @@ def find_logs(named: Sequence[Path]) -> list[Path]:
 def _matches(pattern: Path) -> list[Path]:
     if isinstance(pattern, RemotePath):
         return list(pattern.matching())
-    start = Path(pattern.anchor) if pattern.is_absolute() else Path()
-    try:
-        found = sorted(start.glob(str(pattern.relative_to(pattern.anchor)) if pattern.is_absolute() else str(pattern)))
+    try:  # a relative pattern has the anchor ``
+        found = sorted(Path(pattern.anchor).glob(str(pattern.relative_to(pattern.anchor))))
     except ValueError as error:
         raise UsageError(f"{pattern}: {error}; name logs, their folder or a pattern such as logs/*.parquet") from None
     return [path for path in found if not path.is_dir()]
