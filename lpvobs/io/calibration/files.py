@@ -163,7 +163,7 @@ def cdfx_text(item: DcmMap, digits: int, comments: Sequence[str]) -> str:
 
 
 def _plain(said: str) -> str:
-    return escape("".join(letter for letter in said if letter.isprintable()))
+    return escape("".join(filter(str.isprintable, said)))
 
 
 def lab_text(parameters: Sequence[str], channels: Sequence[str]) -> str:
