@@ -144,8 +144,6 @@ def usable_rows(
 def _increasing(path: Path, time: Array, rows: Rows, policies: LogPolicies, latest: float) -> tuple[Rows, int]:
     """Return the rows whose time is later than every earlier one and `latest`, and how many were removed for it."""
     kept = time[rows]
-    if kept.size == 0:
-        return rows, 0
     before = np.maximum.accumulate(np.concatenate(([latest], kept)))[:-1]
     later = kept > before
     wrong = int(np.count_nonzero(~later))
@@ -217,8 +215,7 @@ def _spread(column: Array, channel: Channel) -> float:
 
 def _impossible(name: str, values: Values, channels: Channels) -> str:
     """Return what is wrong with a median, or many readings, that no working engine shows: a wrong unit or sign."""
-    channel, finite = channels[name], values[name][np.isfinite(values[name])]
-    unit = channel.unit
+    channel, finite, unit = channels[name], values[name][np.isfinite(values[name])], channels[name].unit
     if finite.size == 0:
         return f"has no numbers, expected readings in {unit}; record it again"
     middle, (low, high), top = float(np.median(finite)), channel.typical, finite.max()
@@ -264,24 +261,21 @@ def _stuck(time: Array, values: Values, channels: Channels, name: str) -> Rows:
     """Return the samples at which a channel stands exactly still for longer than it can, while the engine moves."""
     start, stop = _runs(values[name])
     long = time[stop - 1] - time[start] > channels[name].still
-    others = [other for other, channel in channels.items() if other != name and np.isfinite(channel.still)]
-    return _samples((a, b) for a, b in zip(start[long], stop[long], strict=True) if _moves(values, others, a, b))
+    others = [values[other] for other, item in channels.items() if other != name and np.isfinite(item.still)]
+    return _samples((a, b) for a, b in zip(start[long], stop[long], strict=True) if _moves(others, a, b))
 
 
-def _moves(values: Values, others: list[str], start: int, stop: int) -> bool:
-    moved = 0
-    for other in others:
-        low, high = np.percentile(values[other], [1.0, 99.0])
-        moved += bool(high > low and np.ptp(values[other][start:stop]) > MOVING * (high - low))
-    return moved >= MOVERS
+def _moves(columns: list[Array], start: int, stop: int) -> bool:
+    widths = [np.ptp(np.percentile(column, [1.0, 99.0])) for column in columns]
+    crossed = [np.ptp(column[start:stop]) > MOVING * width > 0.0 for column, width in zip(columns, widths, strict=True)]
+    return sum(map(bool, crossed)) >= MOVERS
 
 
 def _saturated(column: Array, channel: Channel) -> Rows:
     """Return the samples at the very top of a channel that piles up there; at rest the bottom is read for minutes."""
     top = column.max()
-    at_top = column == top
-    count = int(np.count_nonzero(at_top))
-    below = int(np.count_nonzero((column >= top - 0.02 * (top - column.min())) & ~at_top))
+    count = int(np.count_nonzero(column == top))
+    below = int(np.count_nonzero(column >= top - 0.02 * (top - column.min()))) - count
     enough = count >= max(SATURATED_RUN, SATURATED_SHARE * column.size, PILED * below)
     if not enough or count == column.size or channel.still > MOST_STILL_AT_TOP:
         return np.empty(0, dtype=np.int64)

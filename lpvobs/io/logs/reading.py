@@ -7,7 +7,6 @@ refused when that is most of it.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
@@ -25,21 +24,11 @@ from lpvobs.records import Array, Defects, Log, Piece
 SLAB = 1 << 19  # rows that are held in memory at a time
 
 
-@dataclass(frozen=True)
-class Slab:
-    """A stretch of a log: the table read, which of its rows can be used, and what they hold."""
-
-    table: "pa.Table"
-    rows: NDArray[np.int64]
-    piece: Piece
-
-
 class LogFile:
-    """A Parquet log as a recording; see `lpvobs.records.Recording`.
+    """A Parquet log as a recording, with the channels that the engine's air path needs; see `lpvobs.records.Recording`.
 
     Raises DataError here, if the file is no log with these channels and units; from `pieces`, if what it holds cannot be used.
-    The channels are what the engine's air path needs. `threads` is whether to decode columns side by side; not where other
-    processes have the other cores.
+    `threads` is whether to decode columns side by side; not where other processes have the other cores.
     """
 
     def __init__(self, path: Path, channels: Mapping[str, Channel], policies: LogPolicies, threads: bool = True):
@@ -66,10 +55,10 @@ class LogFile:
 
     def pieces(self) -> Iterator[Piece]:
         """Yield the usable samples, put right where the policies know the sensors."""
-        return iter(self.policies.right(slab.piece for slab in self.slabs((), SLAB)))
+        return iter(self.policies.right(piece for _, _, piece in self.slabs((), SLAB)))
 
-    def slabs(self, further: Sequence[str], most: int) -> Iterator["Slab"]:
-        """Yield the usable samples of at most so many rows at a time; further channels stay in the table, as they are."""
+    def slabs(self, further: Sequence[str], most: int) -> Iterator[tuple["pa.Table", NDArray[np.int64], Piece]]:
+        """Yield tables of at most so many rows, with further channels as they are, their usable rows, and what these hold."""
         self.kept, self.defects = (), Defects(0)
         samples, latest, refusals = 0, -np.inf, list[DataError]()
         for table in parquet.tables_of(self.path, [*self.units, *further], most, self.threads):
@@ -94,7 +83,7 @@ class LogFile:
                 samples, latest = samples + time.size, float(time[-1])
                 channels = {name: column[rows] for name, column in values.items()}
                 channels |= dict.fromkeys(self.absent, np.full(time.size, np.nan))
-                yield Slab(table, rows, Piece(time, channels, begins))
+                yield table, rows, Piece(time, channels, begins)
         self._refuse_poor(samples, refusals)
         _ = self.sha256  # before the last look at the file, so that it is that of the bytes that were read
         if state_of(self.path) != self._state:
@@ -127,8 +116,7 @@ def read_log(path: Path, channels: Mapping[str, Channel], policies: LogPolicies,
     numbers = {field.name: parquet.unit_of(field) for field in once if parquet.is_numeric(field.type)}
     extra = [name for name in numbers if name not in file.units and not name.startswith("ref_")]
     parquet.refuse_huge(path, parquet.metadata_of(path).num_rows, len(file.units) + len(extra))
-    (whole,) = file.slabs(extra, parquet.MOST_READINGS)
-    piece = whole.piece
+    ((table, rows, piece),) = file.slabs(extra, parquet.MOST_READINGS)
     starts = np.flatnonzero(piece.begins).tolist()
     right = list(policies.right([piece]))
     return Log(
@@ -136,9 +124,9 @@ def read_log(path: Path, channels: Mapping[str, Channel], policies: LogPolicies,
         sha256=file.sha256,
         time=piece.time,
         channels={name: np.concatenate([part.channels[name] for part in right]) for name in piece.channels},
-        auxiliary={name: parquet.as_floats(whole.table.column(name))[whole.rows] for name in extra},
+        auxiliary={name: parquet.as_floats(table.column(name))[rows] for name in extra},
         segments=tuple(zip(starts, [*starts[1:], piece.time.size], strict=True)),
-        rows=whole.rows,
+        rows=rows,
         defects=file.defects,
         units={name: numbers[name] for name in extra if numbers[name]},
     )
