@@ -89,8 +89,7 @@ def as_dcm(surface: Surface, name: str, kind: str, old: OldMap | None, nothing: 
 
     A node that was left out is `nothing`: what corrects nothing. Raises DataError if a node has no value: a DCM cannot say so.
     """
-    empty = int(np.count_nonzero(surface.origin == NONE))
-    if empty:
+    if empty := int(np.count_nonzero(surface.origin == NONE)):
         raise DataError(
             f"map '{name}': {empty} of {surface.origin.size} nodes have no value, but a DCM needs a value at every node; run "
             f"`lpvobs extrapolate`, or give old values with --old"

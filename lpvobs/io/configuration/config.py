@@ -138,8 +138,7 @@ def config_of(text: str, path: Path) -> Config:
     if set(config.map) != wanted:
         raise UsageError(f"{path}: [map] has the axes {sorted(config.map)}, expected exactly {sorted(wanted)}")
     _check_names(path, config)
-    nodes = config.grid().size
-    if nodes > MOST_NODES:
+    if (nodes := config.grid().size) > MOST_NODES:
         raise UsageError(f"{path}: [map] has {nodes} nodes, expected at most {MOST_NODES}; choose larger steps")
     return config
 

@@ -42,10 +42,7 @@ MOST_WRONG = 0.1  # share of the points that may be off: a bench has its slips, 
 
 
 def read_bench(paths: Sequence[Path], air_path: base.AirPath) -> dict[str, Array]:
-    """Return the points of one or more tables: channels and references in SI, each of shape (n,).
-
-    Raises DataError for a table that the configured engine cannot be calibrated from.
-    """
+    """Return the points of tables, channels and references in SI, (n,) each; DataError if no engine can be calibrated from them."""
     tables = [_read(path, air_path) for path in paths]
     names = dict.fromkeys(name for table in tables for name in table)
     sizes = [table[REFERENCE].size for table in tables]

@@ -234,11 +234,10 @@ def write_log(
 def has_references(path: Path) -> bool:
     """Return whether a log knows the truth; raises DataError for a truth without unit."""
     schema = schema_of(path)
-    if not set(schema.names) >= set(REFERENCES):
-        return False
-    for name, unit in REFERENCES.items():
+    there = set(schema.names) >= set(REFERENCES)
+    for name, unit in REFERENCES.items() if there else ():
         expect(path, schema, name, unit)
-    return True
+    return there
 
 
 def channel_units(path: Path) -> dict[str, str]:

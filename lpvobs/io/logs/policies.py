@@ -163,10 +163,7 @@ def _increasing(path: Path, time: Array, rows: Rows, policies: LogPolicies, late
 
 
 def refuse_implausible(path: Path, values: Values, channels: Channels) -> None:
-    """Raise DataError for a log of which a channel's unit or sign must be wrong.
-
-    The values, each of shape (N,), are those of the needed channels in the contract's units, NaN where the file has none.
-    """
+    """Raise DataError for a wrong unit or sign of a channel: values (N,) in the contract's units, NaN where the file has none."""
     for rules in ((_dead, _impossible), (_too_low,)):
         for name, rule in product(channels, rules):
             if complaint := rule(name, values, channels):
