@@ -15,9 +15,8 @@ from lpvobs.engines.base import AirPath
 from lpvobs.engines.channels import AMBIENT
 from lpvobs.engines.unknowns import TABLE_FLOW, Unknowns, unknowns_of
 from lpvobs.errors import UsageError
-from lpvobs.io.calibration.component_maps import named_file, read_component_map
 from lpvobs.io.configuration.config import Config, load_config
-from lpvobs.io.logs.bench import read_bench
+from lpvobs.io.logs.bench import named_file, read_bench, read_component_map
 from lpvobs.io.logs.finding import find_logs
 from lpvobs.io.logs.reading import read_log
 from lpvobs.io.results.engines import ComponentPoint, EngineRow, Learning, StoredEngine, read_engine, write_engine

@@ -17,8 +17,7 @@ from lpvobs.engines.base import AirPath
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.calibration.files import Change
 from lpvobs.io.configuration.config import Config, config_of
-from lpvobs.io.control_unit.fmu import write_fmu
-from lpvobs.io.control_unit.sources import MEMORY, Unit, sources
+from lpvobs.io.control_unit.sources import MEMORY, Unit, sources, write_fmu
 from lpvobs.io.results.engines import read_corrections, read_engine
 from lpvobs.io.results.gains import StoredGain, expect_engine, read_gain
 from lpvobs.io.results.hdf import reading

@@ -9,7 +9,7 @@ from typing import Any, TypeAlias, TypeVar
 
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.logs.finding import find_logs
-from lpvobs.io.logs.remote import log_digest
+from lpvobs.io.logs.parquet import log_digest
 from lpvobs.io.safety.atomic import claimed, is_same, replacing
 
 File: TypeAlias = str | os.PathLike[str]

@@ -16,10 +16,9 @@ from lpvobs.api.jobs import Workers
 from lpvobs.api.known_engine import KnownEngine, engine_before
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.configuration.config import Config, load_config
-from lpvobs.io.logs.finding import PERIODS, Origins, day_of, find_logs
-from lpvobs.io.logs.parquet import metadata_of
+from lpvobs.io.logs.finding import PERIODS, day_of, find_logs, origins_of
+from lpvobs.io.logs.parquet import log_digest, metadata_of
 from lpvobs.io.logs.reading import LogFile
-from lpvobs.io.logs.remote import log_digest
 from lpvobs.io.results.fleets import FleetSums, StoredFleet, dated, read_fleet, write_fleet, write_table
 from lpvobs.io.results.parts import PartsFolder, run_key
 from lpvobs.io.results.provenance import Provenance
@@ -136,7 +135,7 @@ def track(
         sums, reused = None if before is None else before.kept, 0
         known = frozenset(() if sums is None else (log.sha256 for log in sums.logs))
         fresh = [each for each in found if not (known and each.is_file() and log_digest(each) in known)]
-        told_by = Origins(path, None if origins is None else as_path(origins)).of(fresh)
+        told_by = origins_of(fresh, path, None if origins is None else as_path(origins))
         belonging, refused = usable([*told_by], partial(_whose, by, configuration, told_by), one=False)
         if whose := sorted(belonging.values(), key=lambda each: (each.vehicle, each.day, each.path.as_posix())):
             state = gain_for(configuration, found, gain, "observer").state

@@ -14,9 +14,9 @@ from lpvobs.engines.base import AirPath, MapAxis
 from lpvobs.engines.registry import ENGINES
 from lpvobs.errors import DataError
 from lpvobs.ingest.record import stored_record
+from lpvobs.io.logs.parquet import log_digest
 from lpvobs.io.logs.policies import LogPolicies
 from lpvobs.io.logs.reading import read_log, read_references
-from lpvobs.io.logs.remote import log_digest
 from lpvobs.io.results.hdf import is_hdf5
 from lpvobs.io.results.results import REMEDY, StoredResult, read_result
 from lpvobs.io.results.surfaces import Surface

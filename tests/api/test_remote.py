@@ -14,10 +14,10 @@ from lpvobs.api.files import as_path
 from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.configuration.config import load_config
-from lpvobs.io.logs import remote
+from lpvobs.io.logs import parquet
 from lpvobs.io.logs.finding import find_logs
+from lpvobs.io.logs.parquet import RemotePath, log_digest, log_path
 from lpvobs.io.logs.reading import read_log
-from lpvobs.io.logs.remote import RemotePath, log_digest, log_path
 
 ROWS, IDLE, MONTHS = 2400, 40, 2
 
@@ -101,10 +101,10 @@ def test_nothing_is_read_but_the_columns_that_are_needed(s3, logs, monkeypatch, 
         return fetch(self, start, end)
 
     monkeypatch.setattr(s3fs.core.S3File, "_fetch_range", fetched)
-    name, before = "a/2025-01.parquet", remote._end.cache_info().misses
+    name, before = "a/2025-01.parquet", parquet._end.cache_info().misses
     log = read_log(RemotePath(f"{s3}/{name}"), Diesel.channels, load_config(config)[0].reading)
     assert log.time.size > 0.9 * ROWS
-    assert remote._end.cache_info().misses == before + 1  # the footer, once
+    assert parquet._end.cache_info().misses == before + 1  # the footer, once
     assert sum(ranges) < 0.3 * len(logs[name])
 
 

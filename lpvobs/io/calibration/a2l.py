@@ -85,8 +85,7 @@ def _map(path: Path, module: Any, item: Any) -> A2lMap:
     layouts = {each.Name.Value: each.FNC_VALUES.DataType.Value for each in module.RECORD_LAYOUT}
     if "FLOAT" in layouts.get(item.Deposit.Value, ""):
         step = 0.0
-    x, y = axes
-    return A2lMap(item.Name.Value, unit, item.LowerLimit.Value, item.UpperLimit.Value, step, zero, (x, y))
+    return A2lMap(item.Name.Value, unit, item.LowerLimit.Value, item.UpperLimit.Value, step, zero, (axes[0], axes[1]))
 
 
 def _conversion(path: Path, module: Any, name: str) -> tuple[str, float, float]:

@@ -86,15 +86,13 @@ def read_dcm_map(path: Path, name: str) -> DcmMap:
     seen: list[str] = []
     lines = _words(path)
     for number, words in lines:
-        if words[0] not in READ_KINDS or len(words) < 4:
-            continue
-        seen.append(words[1])
-        if words[1] == name:
-            return _parsed(path, number, words, lines)
+        if words[0] in READ_KINDS and len(words) >= 4:
+            if words[1] == name:
+                return _parsed(path, number, words, lines)
+            seen.append(words[1])
     import difflib
 
-    near = difflib.get_close_matches(name, seen, n=3, cutoff=0.4) or seen[:8]
-    there = ", ".join(near) or "none"
+    there = ", ".join(difflib.get_close_matches(name, seen, n=3, cutoff=0.4) or seen[:8]) or "none"
     raise DataError(f"{path}: has no map '{name}'; maps in the file: {there}; name one with --name")
 
 
@@ -156,17 +154,15 @@ def _parsed(path: Path, start: int, head: list[str], lines: Iterator[tuple[int, 
         else:
             raise ValueError("the keyword END is missing")
         x, y, values = np.array(along), np.array(nodes), np.array(rows)
-        _expect_map(x, y, values, (across, down))
+        _expect_map(x, y, values, across, down)
     except (ValueError, IndexError) as error:
         raise DataError(f"{path}: map '{head[1]}' (line {place}) is damaged: {error}; export it again") from None
     return DcmMap(head[1], head[0], x, y, values, kept=tuple(kept), **texts)
 
 
-def _expect_map(x: Array, y: Array, values: Array, sizes: tuple[int, int]) -> None:
-    across, down = sizes
+def _expect_map(x: Array, y: Array, values: Array, across: int, down: int) -> None:
     if x.shape != (across,) or y.shape != (down,) or values.shape != (down, across):
-        raise ValueError(
-            f"{x.size} by {y.size} nodes instead of {across} by {down}, or a row with a wrong number of values"
-        )
+        found = f"{x.size} by {y.size} nodes instead of {across} by {down}"
+        raise ValueError(f"{found}, or a row with a wrong number of values")
     if not (np.isfinite(values).all() and (np.diff(x) > 0).all() and (np.diff(y) > 0).all()):
         raise ValueError("a value is not finite, or an axis does not increase")

@@ -89,8 +89,7 @@ def as_dcm(surface: Surface, name: str, kind: str, old: OldMap | None, nothing: 
 
     A node that was left out is `nothing`: what corrects nothing. Raises DataError if a node has no value: a DCM cannot say so.
     """
-    empty = int(np.count_nonzero(surface.origin == NONE))
-    if empty:
+    if empty := int(np.count_nonzero(surface.origin == NONE)):
         raise DataError(
             f"map '{name}': {empty} of {surface.origin.size} nodes have no value, but a DCM needs a value at every node; run "
             f"`lpvobs extrapolate`, or give old values with --old"
@@ -163,7 +162,7 @@ def cdfx_text(item: DcmMap, digits: int, comments: Sequence[str]) -> str:
 
 
 def _plain(said: str) -> str:
-    return escape("".join(letter for letter in said if letter.isprintable()))
+    return escape("".join(filter(str.isprintable, said)))
 
 
 def lab_text(parameters: Sequence[str], channels: Sequence[str]) -> str:

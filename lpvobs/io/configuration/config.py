@@ -138,8 +138,7 @@ def config_of(text: str, path: Path) -> Config:
     if set(config.map) != wanted:
         raise UsageError(f"{path}: [map] has the axes {sorted(config.map)}, expected exactly {sorted(wanted)}")
     _check_names(path, config)
-    nodes = config.grid().size
-    if nodes > MOST_NODES:
+    if (nodes := config.grid().size) > MOST_NODES:
         raise UsageError(f"{path}: [map] has {nodes} nodes, expected at most {MOST_NODES}; choose larger steps")
     return config
 
@@ -185,9 +184,9 @@ def _check_names(path: Path, config: Config) -> None:
     air_path = config.engine_path()
     states, rates = air_path.state_names, air_path.temperature_names
     rho = [name for name in air_path.parameter_names if name not in air_path.rate_names]
-    sums = [name for pair in config.gain.nonnegative_sums for name in pair]
+    gain, channels = config.gain, tuple(air_path.channels)
+    sums = [name for pair in gain.nonnegative_sums for name in pair]
     constants = tuple(dict.fromkeys((*air_path.engine_constants(), *air_path.usual_tolerance)))
-    outputs, channels, gain = (*config.gain.outputs, air_path.sensor), tuple(air_path.channels), config.gain
     for table, found, known, needed in (
         ("estimate.tolerance", config.estimate.tolerance, constants, ()),
         ("gain.outputs", gain.outputs, states, ()),
@@ -196,7 +195,12 @@ def _check_names(path: Path, config: Config) -> None:
         ("gain.temperatures", gain.temperatures, rates, rates),
         ("published.temperatures", config.published.temperatures, rates, rates),
         ("ekf.process_noise", config.ekf.process_noise, states, states),
-        ("ekf.measurement_noise", config.ekf.measurement_noise, (*states, air_path.sensor), outputs),
+        (
+            "ekf.measurement_noise",
+            config.ekf.measurement_noise,
+            (*states, air_path.sensor),
+            (*gain.outputs, air_path.sensor),
+        ),
         ("policies.limits", config.policies.limits, channels, ()),
         ("sensors", config.sensors, channels, ()),
     ):
@@ -218,7 +222,5 @@ def _check_names(path: Path, config: Config) -> None:
         raise UsageError(
             f"{path}: published.x_0 has {len(config.published.x_0)} values, expected one value for each of {', '.join(states)}"
         )
-    if len(set(config.gain.outputs)) < len(config.gain.outputs):
-        raise UsageError(
-            f"{path}: gain.outputs lists a state twice ({', '.join(config.gain.outputs)}); list each state once"
-        )
+    if len(set(gain.outputs)) < len(gain.outputs):
+        raise UsageError(f"{path}: gain.outputs lists a state twice ({', '.join(gain.outputs)}); list each state once")

@@ -1,10 +1,21 @@
-"""The C sources of an observer: fixed files of this folder, the engine's `model.c`, and tables filled in here."""
+"""The C sources of an observer: fixed files of this folder, the engine's `model.c`, and tables filled in here; and its FMU.
+
+The FMU (FMI 2.0, co-simulation) holds description, sources, and a shared library for 64-bit Linux.
+"""
 
 import hashlib
-from collections.abc import Mapping
+import re
+import subprocess
+import tempfile
+import zipfile
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from math import ceil
+from pathlib import Path
+from shutil import which
+from typing import Any
+from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
@@ -25,6 +36,9 @@ MEMORY = 100.0
 """[s] Beyond this the gain of a node falls no further: a sensor that ages is followed within minutes of driving there."""
 PACE = 8.0
 """A falling gain is this over the time that its nodes have been driven: of 1 to 32 the best map on the cycles that were tried."""
+NAME = "lpvobs"
+FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibility=hidden")
+SAME_DAY = (1980, 1, 1, 0, 0, 0)  # stamp of every file inside: the same inputs give the same bytes
 
 
 @dataclass(frozen=True)
@@ -69,26 +83,21 @@ def sources(unit: Unit) -> dict[str, str]:
     made = {name: own_text(name) for name in ("lpvobs.h", "lpvobs.c", "lpvobs_bench.c")}
     model = files(unit.kind.air_path.__module__.rpartition(".")[0]) / "model.c"
     made["lpvobs_model.c"] = model.read_text(encoding="utf-8")
-    header, tables = (_filled(name, unit) for name in ("lpvobs_config.h", "lpvobs_tables.c"))
+    values: dict[str, Any] = {
+        "unit": unit,
+        "path": unit.air_path,
+        "names": list(unit.channels),
+        "numbers": {key: np.asarray(value, dtype=float) for key, value in _numbers(unit).items()},
+        "arrays": _arrays(unit),
+        "memory": MEMORY,
+        "pace": PACE,
+        "length": len(_version(unit, "")) + 1,
+    }
+    how = {"sizes": lambda array: "".join(f"[{size}]" for size in array.shape), "initialiser": _initialiser}
+    header, tables = (filled(FOLDER, name, how, **values) for name in ("lpvobs_config.h", "lpvobs_tables.c"))
     digest = hashlib.sha256("\0".join((header, tables, *made.values())).encode()).hexdigest()
+    # `@VERSION@` stands in the tables where the version comes, which is a digest of them, too
     return made | {"lpvobs_config.h": header, "lpvobs_tables.c": tables.replace("@VERSION@", _version(unit, digest))}
-
-
-def _filled(name: str, unit: Unit) -> str:
-    """Return a file whose texts and numbers are those of the unit; `@VERSION@` stands where its version comes."""
-    return filled(
-        FOLDER,
-        name,
-        {"sizes": _sizes, "initialiser": _initialiser},
-        unit=unit,
-        path=unit.air_path,
-        names=list(unit.channels),
-        numbers={key: np.asarray(value, dtype=float) for key, value in _numbers(unit).items()},
-        arrays=_arrays(unit),
-        memory=MEMORY,
-        pace=PACE,
-        length=len(_version(unit, "")) + 1,
-    )
 
 
 def own_text(name: str) -> str:
@@ -143,10 +152,6 @@ def _arrays(unit: Unit) -> dict[str, tuple[str, Array]]:
     return found
 
 
-def _sizes(values: Array) -> str:
-    return "".join(f"[{size}]" for size in values.shape)
-
-
 def _initialiser(values: Array) -> str:
     if values.ndim == 0:
         return f"R({float(values)!r})"
@@ -155,3 +160,50 @@ def _initialiser(values: Array) -> str:
     if values.dtype.kind == "i":
         return "{" + ", ".join(f"{value}U" for value in values.tolist()) + "}"
     return "{" + ", ".join(f"R({value!r})" for value in values.tolist()) + "}"
+
+
+def write_fmu(path: Path, unit: Unit, made: Mapping[str, str]) -> None:
+    """Write an FMU of the C sources; raises UsageError without a C compiler."""
+    own = {name: text for name, text in made.items() if name != "lpvobs_bench.c"}
+    own["lpvobs_fmu.c"] = own_text("lpvobs_fmu.c")
+    files_in_c = sorted(name for name in own if name.endswith(".c"))
+    fuel, speed = (axis.unit for axis in unit.air_path.axes)
+    outputs = [(f"x_{name}", "state estimate, SI") for name in unit.air_path.state_names]
+    outputs += [("map_value", "kg/s: the map at the operating point"), ("innovation", "kg/s"), ("state_time", "s")]
+    outputs += [
+        (f"theta_{j}_{i}", f"kg/s: node at {n:g} {speed}, {u:g} {fuel}")
+        for j, n in enumerate(unit.grid.speed)
+        for i, u in enumerate(unit.grid.fuel)
+    ]
+    description = filled(
+        FOLDER,
+        "modelDescription.xml",
+        {"quoted": quoteattr},
+        version=re.findall(r'lpvobs_version.* = "(.*)"', own["lpvobs_tables.c"])[0],
+        files_in_c=files_in_c,
+        step=1.0 / unit.rate,
+        channels=unit.channels,
+        outputs=outputs,
+    )
+    inside = {"modelDescription.xml": description.encode(), f"binaries/linux64/{NAME}.so": _library(own, files_in_c)}
+    inside |= {f"sources/{name}": text.encode() for name, text in own.items()}
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
+        for name, content in sorted(inside.items()):
+            file.writestr(zipfile.ZipInfo(name, SAME_DAY), content, zipfile.ZIP_DEFLATED)
+
+
+def _library(sources: Mapping[str, str], files_in_c: Sequence[str]) -> bytes:
+    if which("cc") is None:
+        raise UsageError(
+            "--format fmu: needs a C compiler, but there is no `cc`; install gcc or clang, or use --format c99"
+        )
+    with tempfile.TemporaryDirectory() as folder:
+        for name, text in sources.items():
+            (Path(folder) / name).write_text(text, encoding="utf-8")
+        command = ["cc", *FLAGS, *files_in_c, "-lm", "-o", f"{NAME}.so"]
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+        if done.returncode != 0:
+            raise UsageError(
+                f"--format fmu: the C compiler failed: {done.stderr.strip().splitlines()[-1]}; try another compiler"
+            )
+        return (Path(folder) / f"{NAME}.so").read_bytes()

@@ -1,4 +1,7 @@
-"""Tables of stationary bench points: read, converted to SI, refused where a fit to them would be wrong; and written."""
+"""Tables that an engine is calibrated from: read, converted to SI, refused where a fit to them would be wrong; and written.
+
+They hold stationary bench points, or are those of single components from suppliers and control units.
+"""
 
 import csv
 import re
@@ -8,10 +11,13 @@ from pathlib import Path
 
 import numpy as np
 
-from lpvobs.calibration.bench import DEVIATION, METER, REFERENCE, Rows, bench_table, rows_of
-from lpvobs.engines import base, channels, unknowns
-from lpvobs.errors import DataError
+from lpvobs.calibration.bench import DEVIATION, METER, REFERENCE, Rows, Table, bench_table, rows_of
+from lpvobs.engines import base, channels
+from lpvobs.engines.constants import Within
+from lpvobs.engines.unknowns import ComponentMap, unknowns_of
+from lpvobs.errors import DataError, UsageError
 from lpvobs.io.arrow import pa
+from lpvobs.io.calibration.dcm import read_dcm_map
 from lpvobs.io.logs.parquet import column_of, expect, metadata_of, refuse_huge, schema_of, tables_of, write_log
 from lpvobs.io.safety.atomic import replacing
 from lpvobs.records import Array
@@ -28,14 +34,15 @@ AIR_FOR_FUEL, LAMBDA_ERROR = 14.57, 0.05
 """Air over diesel at lambda 1, as the simulated engines have it, and how far fuel, lambda and it may be off together: assumed, for
 a wide-band probe and the composition of the fuel are each good to some hundredths."""
 RICHEST = 9.0  # air over fuel, both in kg/s; an engine that gets less air than this does not burn (lambda 0.6)
+TOLERANCE = "tolerance"
+LEAST_IN_MAP, MOST_IN_MAP = 4, 2000  # points: fewer say nothing of a shape; more than any control unit has in one table
+MOST_FAR = 0.5
+"""Share of a map's points that may be far from the configured engine: maps reach to stall and choke, where formulas end."""
 MOST_WRONG = 0.1  # share of the points that may be off: a bench has its slips, a wrong unit is everywhere
 
 
 def read_bench(paths: Sequence[Path], air_path: base.AirPath) -> dict[str, Array]:
-    """Return the points of one or more tables: channels and references in SI, each of shape (n,).
-
-    Raises DataError for a table that the configured engine cannot be calibrated from.
-    """
+    """Return the points of tables, channels and references in SI, (n,) each; DataError if no engine can be calibrated from them."""
     tables = [_read(path, air_path) for path in paths]
     names = dict.fromkeys(name for table in tables for name in table)
     sizes = [table[REFERENCE].size for table in tables]
@@ -43,17 +50,28 @@ def read_bench(paths: Sequence[Path], air_path: base.AirPath) -> dict[str, Array
         name: np.concatenate([table.get(name, np.full(n, np.nan)) for table, n in zip(tables, sizes, strict=True)])
         for name in names
     }
-    _refuse_few(", ".join(map(str, paths)), columns, air_path)
+    where, count = ", ".join(map(str, paths)), sum(sizes)
+    if not LEAST_POINTS <= count <= MOST_POINTS:
+        raise DataError(
+            f"{where}: {count} points in all, expected {LEAST_POINTS} to {MOST_POINTS}; "
+            f"record stationary points over the whole range of speed and load"
+        )
+    for name, unit in (*((axis.channel, axis.unit) for axis in air_path.axes), (REFERENCE, "kg/s")):
+        low, high = float(columns[name].min()), float(columns[name].max())
+        if high < LEAST_RANGE * low:
+            raise DataError(
+                f"{where}: column {name} covers only {low:g} to {high:g} {unit}, expected a largest value of at least "
+                f"{LEAST_RANGE:g} times the smallest value; add points at other speeds and loads"
+            )
     return columns
 
 
 def _read(path: Path, air_path: base.AirPath) -> dict[str, Array]:
     every = air_path.channels
     needed = {name: item.unit for name, item in every.items() if name != air_path.sensor and item.one_of is None}
-    needed |= {REFERENCE: "kg/s"}
-    optional = {DEVIATION: "kg/s", FUEL: "kg/s", LAMBDA: "1"} | {
-        part.column: "kg/s" for part in air_path.measured_parts
-    }
+    needed[REFERENCE] = "kg/s"
+    optional = {DEVIATION: "kg/s", FUEL: "kg/s", LAMBDA: "1"}
+    optional |= {part.column: "kg/s" for part in air_path.measured_parts}
     optional |= {name: item.unit for name, item in every.items() if item.one_of is not None}
     found = from_csv(path) if path.suffix.lower() == ".csv" else from_parquet(path, [*needed, *optional])
     for name, unit in needed.items():
@@ -93,19 +111,14 @@ def from_csv(path: Path) -> "pa.Table":
     names, units = [*lines[:2], [], []][:2]
     columns = [*zip_longest(names, units, *lines[2:], fillvalue="")][: len(names)]
     columns += [(found[1], found[3] or "1", *[found[2]] * len(lines[2:])) for found in head]
-    arrays = [_numbers(cells) for _, _, *cells in columns]
-    fields = [
-        pa.field(name, cells.type, metadata={"unit": unit})
-        for (name, unit, *_), cells in zip(columns, arrays, strict=True)
-    ]
+    arrays, fields = [], []
+    for name, unit, *cells in columns:
+        try:
+            arrays.append(pa.array([float(cell) if cell else None for cell in cells], pa.float64()))
+        except ValueError:
+            arrays.append(pa.array(cells))
+        fields.append(pa.field(name, arrays[-1].type, metadata={"unit": unit}))
     return pa.table(arrays, schema=pa.schema(fields))
-
-
-def _numbers(cells: Sequence[str]) -> "pa.Array":
-    try:
-        return pa.array([float(cell) if cell else None for cell in cells], pa.float64())
-    except ValueError:
-        return pa.array(cells)
 
 
 def _refuse_impossible(path: Path, name: str, values: Array, channel: channels.Channel | None) -> None:
@@ -128,27 +141,9 @@ def _refuse_impossible(path: Path, name: str, values: Array, channel: channels.C
         )
 
 
-def _refuse_few(where: str, columns: Mapping[str, Array], air_path: base.AirPath) -> None:
-    """Raise for fewer points than a fit needs, or points that are all alike."""
-    count = columns[REFERENCE].size
-    if not LEAST_POINTS <= count <= MOST_POINTS:
-        raise DataError(
-            f"{where}: {count} points in all, expected {LEAST_POINTS} to {MOST_POINTS}; "
-            f"record stationary points over the whole range of speed and load"
-        )
-    units = {axis.channel: axis.unit for axis in air_path.axes} | {REFERENCE: "kg/s"}
-    for name, unit in units.items():
-        low, high = float(columns[name].min()), float(columns[name].max())
-        if high < LEAST_RANGE * low:
-            raise DataError(
-                f"{where}: column {name} covers only {low:g} to {high:g} {unit}, expected a largest value of at least "
-                f"{LEAST_RANGE:g} times the smallest value; add points at other speeds and loads"
-            )
-
-
 def _refuse_meter(path: Path, table: Mapping[str, Array], air_path: base.AirPath) -> None:
     """Raise for a reference that no balance of the engine is near, or with which the fuel cannot burn."""
-    rows = rows_of(air_path, unknowns.unknowns_of({}, air_path.components), [bench_table(air_path, table)])
+    rows = rows_of(air_path, unknowns_of({}, air_path.components), [bench_table(air_path, table)])
     refuse_far(path, REFERENCE, rows)
     if FUEL in table and LAMBDA in table:
         burnt = table[LAMBDA] * AIR_FOR_FUEL * table[FUEL]
@@ -181,6 +176,81 @@ def refuse_far(path: Path, name: str, rows: Rows, most: float = MOST_WRONG) -> N
             f"{np.sum(~near)} of {near.size} points are outside {AGREES[0]:g} to {AGREES[1]:.2g} times; check the column's unit "
             "and the constants in [engine]"
         )
+
+
+def named_file(text: str, air_path: base.AirPath) -> tuple[str, Path, str]:
+    """Return kind, file, and the label behind a DCM file, of `KIND=FILE` or `KIND=FILE.dcm:LABEL`."""
+    kind, equals, file = text.partition("=")
+    if not equals or kind not in air_path.component_maps:
+        known = ", ".join(air_path.component_maps) or "none, because this engine has no corrections"
+        raise UsageError(f"--map {text}: expected KIND=FILE; possible values of KIND: {known}")
+    name, colon, label = file.rpartition(":")
+    return (kind, Path(name), label) if colon and name.lower().endswith(".dcm") else (kind, Path(file), "")
+
+
+def read_component_map(kind: str, path: Path, label: str, air_path: base.AirPath) -> Table:
+    """Return the points of a table; raises DataError for one that lacks a column or cannot be of this engine."""
+    known = air_path.component_maps[kind]
+    columns, tolerance = _from_dcm(path, label, known) if label else _from_table(path, known)
+    count = next(iter(columns.values())).size
+    if not LEAST_IN_MAP <= count <= MOST_IN_MAP:
+        raise DataError(
+            f"{path}: the table has {count} points, expected {LEAST_IN_MAP} to {MOST_IN_MAP} points in a {kind} table"
+        )
+    points = known.points(air_path.engine, columns)
+    table = Table(points, (known.part,), tolerance, known.flow)
+    refuse_far(path, known.part.column, rows_of(air_path, unknowns_of({}, air_path.components), [table]), MOST_FAR)
+    return table
+
+
+def _from_table(path: Path, known: ComponentMap) -> tuple[dict[str, Array], float]:
+    """Return the columns of the first form of which the file has the first one, and what it says of its tolerance."""
+    names = dict.fromkeys([name for form in known.forms for name in form] + [TOLERANCE])
+    found = from_parquet(path, list(names)) if path.suffix.lower() == ".parquet" else from_csv(path)
+    forms = [form for form in known.forms if next(iter(form)) in found.column_names]
+    forms.sort(key=lambda form: not set(form) <= set(found.column_names))
+    if not forms:
+        firsts = " or ".join(next(iter(form)) for form in known.forms)
+        raise DataError(
+            f"{path}: has no column {firsts}; columns in the file: {', '.join(found.column_names) or 'none'}; rename "
+            "the column or name another file"
+        )
+    for name, within in forms[0].items():
+        if name not in found.column_names:
+            raise DataError(
+                f"{path}: value '{name}' ({within.what}) is missing; give it as a column, "
+                f"or as a line '# {name} = VALUE {within.unit}' above the column names"
+            )
+    form = {**forms[0], TOLERANCE: Within(1e-4, 0.5, "1", "tolerance of a table")}
+    columns = {
+        name: column_of(path, found, name, within.unit) for name, within in form.items() if name in found.column_names
+    }
+    _refuse_outside(path, columns, form)
+    return columns, float(columns.pop(TOLERANCE, [known.tolerance])[0])
+
+
+def _from_dcm(path: Path, label: str, known: ComponentMap) -> tuple[dict[str, Array], float]:
+    """Return the columns of a map whose axes and values have the units of three of the columns, the last of them the values."""
+    names, (x, y, values) = list(known.forms[0]), (within.unit for within in known.forms[0].values())
+    try:
+        item, _ = read_dcm_map(path, label).in_units(x, y, values)
+    except ValueError as error:
+        wanted = ", ".join(f"{name} [{within.unit}]" for name, within in known.forms[0].items())
+        raise DataError(
+            f"{path}: map '{label}' has {error}; expected {wanted}; correct the units in the file"
+        ) from None
+    along_y, along_x = np.meshgrid(item.y, item.x)
+    columns = dict(zip(names, (along_x.ravel(), along_y.ravel(), item.values.T.ravel()), strict=True))
+    _refuse_outside(path, columns, known.forms[0])
+    return columns, known.tolerance
+
+
+def _refuse_outside(path: Path, columns: Mapping[str, Array], forms: Mapping[str, Within]) -> None:
+    """Raise for a value that cannot be, with what was probably meant."""
+    for name, values in columns.items():
+        for number, value in enumerate(values.tolist(), 1):
+            if complaint := forms[name].complaint(value):
+                raise DataError(f"{path}: column {name}, point {number}: {complaint}")
 
 
 def write_table(path: Path, columns: Mapping[str, Array], units: Mapping[str, str]) -> None:

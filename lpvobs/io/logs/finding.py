@@ -4,14 +4,12 @@ import csv
 import datetime
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.arrow import pq
-from lpvobs.io.logs.parquet import schema_of
-from lpvobs.io.logs.remote import RemotePath, log_path
+from lpvobs.io.logs.parquet import RemotePath, log_path, schema_of
 
 WILD = re.compile(r"[*?]|\[.+\]")
 ENDING = ".parquet"
@@ -39,9 +37,8 @@ def find_logs(named: Sequence[Path]) -> list[Path]:
 def _matches(pattern: Path) -> list[Path]:
     if isinstance(pattern, RemotePath):
         return list(pattern.matching())
-    start = Path(pattern.anchor) if pattern.is_absolute() else Path()
-    try:
-        found = sorted(start.glob(str(pattern.relative_to(pattern.anchor)) if pattern.is_absolute() else str(pattern)))
+    try:  # a relative pattern has the anchor ``
+        found = sorted(Path(pattern.anchor).glob(str(pattern.relative_to(pattern.anchor))))
     except ValueError as error:
         raise UsageError(f"{pattern}: {error}; name logs, their folder or a pattern such as logs/*.parquet") from None
     return [path for path in found if not path.is_dir()]
@@ -71,42 +68,35 @@ DATES = ("date", "day", "month")  # fields that say when, the finest first
 PERIODS: Mapping[str, str] = {"day": "%Y-%m-%d", "week": "%G-W%V", "month": "%Y-%m", "year": "%Y"}
 
 
-@dataclass(frozen=True)
-class Origins:
-    """Where else than in the logs it stands: a pattern of their paths, or a table with a column `log`."""
+def origins_of(paths: Sequence[Path], pattern: str | None, table: Path | None) -> dict[Path, dict[str, str]]:
+    """Return what is known of each log by field; a table with a column `log` says more than the path, the path more than the file.
 
-    pattern: str | None = None
-    table: Path | None = None
+    Raises UsageError for a pattern without fields, or a path that does not follow it; DataError for a table that is none.
+    """
+    rows = {} if table is None else _rows(table)
+    named = {} if pattern is None else {path: _in_path(pattern, path) for path in paths}
+    return {path: _own(path) | named.get(path, {}) | rows.get(path.resolve(), {}) for path in paths}
 
-    def of(self, paths: Iterable[Path]) -> dict[Path, dict[str, str]]:
-        """Return what is known of each log by field; the table says more than the path, the path more than the file.
 
-        Raises UsageError for a pattern without fields, or a path that does not follow it; DataError for a table that is none.
-        """
-        rows = {} if self.table is None else _rows(self.table)
-        return {path: _own(path) | self._in_path(path) | rows.get(path.resolve(), {}) for path in paths}
-
-    def _in_path(self, path: Path) -> dict[str, str]:
-        if self.pattern is None:
-            return {}
-        if not FIELD.search(self.pattern):
-            raise UsageError(
-                f"--path {self.pattern}: has no field in braces; expected for example {{vehicle}}/{{month}}.parquet"
-            )
-        parts = FIELD.split(re.escape(self.pattern).replace(r"\{", "{").replace(r"\}", "}"))
-        shape = "".join(f"(?P<{part}>[^/]+?)" if i % 2 else part for i, part in enumerate(parts))
-        try:
-            found = re.search(f"(?:^|/){shape}$", path.as_posix())
-        except re.error:
-            raise UsageError(
-                f"--path {self.pattern}: a field appears twice, or a field name begins with a digit; use each field "
-                "once, with a name that begins with a letter"
-            ) from None
-        if found is None:
-            raise UsageError(
-                f"{path}: the path does not fit the pattern --path {self.pattern}; correct the pattern or name other logs"
-            )
-        return found.groupdict()
+def _in_path(pattern: str, path: Path) -> dict[str, str]:
+    if not FIELD.search(pattern):
+        raise UsageError(
+            f"--path {pattern}: has no field in braces; expected for example {{vehicle}}/{{month}}.parquet"
+        )
+    parts = FIELD.split(re.escape(pattern).replace(r"\{", "{").replace(r"\}", "}"))
+    shape = "".join(f"(?P<{part}>[^/]+?)" if i % 2 else part for i, part in enumerate(parts))
+    try:
+        found = re.search(f"(?:^|/){shape}$", path.as_posix())
+    except re.error:
+        raise UsageError(
+            f"--path {pattern}: a field appears twice, or a field name begins with a digit; use each field "
+            "once, with a name that begins with a letter"
+        ) from None
+    if found is None:
+        raise UsageError(
+            f"{path}: the path does not fit the pattern --path {pattern}; correct the pattern or name other logs"
+        )
+    return found.groupdict()
 
 
 def _own(path: Path) -> dict[str, str]:

@@ -7,7 +7,6 @@ refused when that is most of it.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
@@ -17,30 +16,19 @@ from numpy.typing import NDArray
 from lpvobs.engines.channels import Channel
 from lpvobs.errors import DataError
 from lpvobs.io.arrow import pa
-from lpvobs.io.logs import parquet, plausibility
-from lpvobs.io.logs.policies import LogPolicies, together
-from lpvobs.io.logs.remote import log_digest
+from lpvobs.io.logs import parquet
+from lpvobs.io.logs.policies import LogPolicies, refuse_implausible, together, usable_rows
 from lpvobs.io.safety.atomic import state_of
 from lpvobs.records import Array, Defects, Log, Piece
 
 SLAB = 1 << 19  # rows that are held in memory at a time
 
 
-@dataclass(frozen=True)
-class Slab:
-    """A stretch of a log: the table read, which of its rows can be used, and what they hold."""
-
-    table: "pa.Table"
-    rows: NDArray[np.int64]
-    piece: Piece
-
-
 class LogFile:
-    """A Parquet log as a recording; see `lpvobs.records.Recording`.
+    """A Parquet log as a recording, with the channels that the engine's air path needs; see `lpvobs.records.Recording`.
 
     Raises DataError here, if the file is no log with these channels and units; from `pieces`, if what it holds cannot be used.
-    The channels are what the engine's air path needs. `threads` is whether to decode columns side by side; not where other
-    processes have the other cores.
+    `threads` is whether to decode columns side by side; not where other processes have the other cores.
     """
 
     def __init__(self, path: Path, channels: Mapping[str, Channel], policies: LogPolicies, threads: bool = True):
@@ -58,73 +46,64 @@ class LogFile:
             parquet.expect(path, self.schema, name, unit)
         # which rows of each slab were used, eight in a byte, and what was found; complete once the pieces have been read
         self.kept: tuple[NDArray[np.uint8], ...] = ()
-        self.defects, self._samples, self._latest = Defects(0), 0, -np.inf
-        self._refusals: list[DataError] = []
+        self.defects = Defects(0)
 
     @cached_property
     def sha256(self) -> str:
         """Digest of the file's bytes."""
-        return log_digest(self.path)
+        return parquet.log_digest(self.path)
 
     def pieces(self) -> Iterator[Piece]:
         """Yield the usable samples, put right where the policies know the sensors."""
-        return iter(self.policies.right(slab.piece for slab in self.slabs((), SLAB)))
+        return iter(self.policies.right(piece for _, _, piece in self.slabs((), SLAB)))
 
-    def slabs(self, further: Sequence[str], most: int) -> Iterator["Slab"]:
-        """Yield the usable samples of at most so many rows at a time; further channels stay in the table, as they are."""
-        self.kept, self.defects, self._samples, self._latest = (), Defects(0), 0, -np.inf
-        self._refusals = []
+    def slabs(self, further: Sequence[str], most: int) -> Iterator[tuple["pa.Table", NDArray[np.int64], Piece]]:
+        """Yield tables of at most so many rows, with further channels as they are, their usable rows, and what these hold."""
+        self.kept, self.defects = (), Defects(0)
+        samples, latest, refusals = 0, -np.inf, list[DataError]()
         for table in parquet.tables_of(self.path, [*self.units, *further], most, self.threads):
             values = {name: parquet.column_of(self.path, table, name, unit) for name, unit in self.units.items()}
             time = values.pop("time")
-            rows = self._usable_rows(time, values)
+            try:
+                refuse_implausible(self.path, values, self.channels)
+            except DataError as refusal:
+                rows, lost = np.empty(0, dtype=np.int64), Defects(time.size, dropped_rows=time.size)
+                refusals.append(refusal)
+            else:
+                rows, lost = usable_rows(self.path, time, values, self.channels, self.policies, latest)
+            self.defects = together(self.defects, lost)
             mask = np.zeros(time.size, dtype=bool)
             mask[rows] = True
             self.kept += (np.packbits(mask),)
             if rows.size:
-                yield Slab(
-                    table, rows, self._piece(time[rows], {name: column[rows] for name, column in values.items()})
-                )
-        self._refuse_poor()
+                time = time[rows]
+                begins = np.diff(time, prepend=latest) > self.policies.gap_limit
+                gaps = int(np.count_nonzero(begins)) - (not np.isfinite(latest))
+                self.defects = together(self.defects, Defects(0, gaps=gaps))
+                samples, latest = samples + time.size, float(time[-1])
+                channels = {name: column[rows] for name, column in values.items()}
+                channels |= dict.fromkeys(self.absent, np.full(time.size, np.nan))
+                yield table, rows, Piece(time, channels, begins)
+        self._refuse_poor(samples, refusals)
         _ = self.sha256  # before the last look at the file, so that it is that of the bytes that were read
         if state_of(self.path) != self._state:
             raise DataError(
                 f"{self.path}: the file changed while it was read, expected a finished file; wait until the recording has ended"
             )
 
-    def _usable_rows(self, time: Array, values: Mapping[str, Array]) -> NDArray[np.int64]:
-        try:
-            plausibility.refuse_implausible(self.path, values, self.channels)
-        except DataError as refusal:
-            rows, lost = np.empty(0, dtype=np.int64), Defects(time.size, dropped_rows=time.size)
-            self._refusals.append(refusal)
-        else:
-            rows, lost = plausibility.usable_rows(self.path, time, values, self.channels, self.policies, self._latest)
-        self.defects = together(self.defects, lost)
-        return rows
-
-    def _piece(self, time: Array, channels: dict[str, Array]) -> Piece:
-        begins = np.diff(time, prepend=self._latest) > self.policies.gap_limit
-        gaps = int(np.count_nonzero(begins)) - (not np.isfinite(self._latest))
-        self.defects = together(self.defects, Defects(0, gaps=gaps))
-        self._samples += time.size
-        self._latest = float(time[-1])
-        channels |= dict.fromkeys(self.absent, np.full(time.size, np.nan))
-        return Piece(time, channels, begins)
-
-    def _refuse_poor(self) -> None:
+    def _refuse_poor(self, samples: int, refusals: Sequence[DataError]) -> None:
         """Raise for a log of which next to nothing is left."""
         found = self.defects
         if not found.samples_read:
             raise DataError(f"{self.path}: the log has no rows, expected at least two rows; record or export it again")
-        if 2 * len(self._refusals) > len(self.kept):
-            raise self._refusals[0]
-        if self._samples < 2:
+        if 2 * len(refusals) > len(self.kept):
+            raise refusals[0]
+        if samples < 2:
             worst = max(found.dropped, key=found.dropped.__getitem__, default="time")
             kinds = sorted({finding.kind for finding in found.findings if finding.channel == worst})
             why = f" ({', '.join(kinds)})" if kinds else ""
             raise DataError(
-                f"{self.path}: {self._samples} of {found.samples_read} samples are usable, expected at least two; "
+                f"{self.path}: {samples} of {found.samples_read} samples are usable, expected at least two; "
                 f"channel '{worst}' makes more samples unusable than any other channel{why}; see `lpvobs inspect`"
             )
 
@@ -137,8 +116,7 @@ def read_log(path: Path, channels: Mapping[str, Channel], policies: LogPolicies,
     numbers = {field.name: parquet.unit_of(field) for field in once if parquet.is_numeric(field.type)}
     extra = [name for name in numbers if name not in file.units and not name.startswith("ref_")]
     parquet.refuse_huge(path, parquet.metadata_of(path).num_rows, len(file.units) + len(extra))
-    (whole,) = file.slabs(extra, parquet.MOST_READINGS)
-    piece = whole.piece
+    ((table, rows, piece),) = file.slabs(extra, parquet.MOST_READINGS)
     starts = np.flatnonzero(piece.begins).tolist()
     right = list(policies.right([piece]))
     return Log(
@@ -146,9 +124,9 @@ def read_log(path: Path, channels: Mapping[str, Channel], policies: LogPolicies,
         sha256=file.sha256,
         time=piece.time,
         channels={name: np.concatenate([part.channels[name] for part in right]) for name in piece.channels},
-        auxiliary={name: parquet.as_floats(whole.table.column(name))[whole.rows] for name in extra},
+        auxiliary={name: parquet.as_floats(table.column(name))[rows] for name in extra},
         segments=tuple(zip(starts, [*starts[1:], piece.time.size], strict=True)),
-        rows=whole.rows,
+        rows=rows,
         defects=file.defects,
         units={name: numbers[name] for name in extra if numbers[name]},
     )
@@ -163,10 +141,10 @@ def read_references(path: Path, rows: NDArray[np.int64]) -> dict[str, Array] | N
 
 
 def references(
-    path: Path, units: Mapping[str, str], kept: tuple[NDArray[np.uint8], ...], threads: bool = True
+    path: Path, units: Mapping[str, str], kept: tuple[NDArray[np.uint8], ...]
 ) -> Iterator[tuple[Array, ...]]:
     """Yield channels in the units given and the sensor's true error at the rows kept, slab by slab."""
     wanted = {**units, "ref_delta_W_c": parquet.REFERENCES["ref_delta_W_c"]}
-    for table, mask in zip(parquet.tables_of(path, list(wanted), SLAB, threads), kept, strict=True):
+    for table, mask in zip(parquet.tables_of(path, list(wanted), SLAB), kept, strict=True):
         rows = np.flatnonzero(np.unpackbits(mask, count=table.num_rows))
         yield tuple(parquet.column_of(path, table, name, unit)[rows] for name, unit in wanted.items())

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
 # A degree sign in every state in which it comes out of wrong decodings, sometimes several of them in a row.
 _DEGREE = re.compile(r"(?:Ã‚)?Â?(?:°|º|˚|\ufffd{1,3}|ï¿½|\?|░|ø|deg(?:ree)?s?\.?|grad)\s?([CF])", re.IGNORECASE)
-_WHOLE_DEGREE = ("degC", "degF", "°C", "°F")
 
 
 def canonical(unit: str) -> str:
@@ -30,11 +29,8 @@ def canonical(unit: str) -> str:
     ['degC', 'rpm', 'mg/cycle', 'kg/h', '1', 'furlong']
     """
     bare = unit.strip()
-    if bare in _WHOLE_DEGREE:
-        return "deg" + bare[-1]
-    degree = _DEGREE.fullmatch(bare)
-    if degree:
-        return "deg" + degree.group(1).upper()
+    if degree := _DEGREE.fullmatch(bare):
+        return "deg" + degree[1].upper()
     return _spellings().get(bare.lower(), bare)
 
 
@@ -72,7 +68,8 @@ def convert(values: Array, unit: str, wanted: str) -> Array:
         return values
     try:
         source, target = unit_of(unit), unit_of(wanted)
-        if _is_angular(source) != _is_angular(target):
+        turns, wanted_turns = ("radian" in str((1 * each).to_root_units().units) for each in (source, target))
+        if turns != wanted_turns:
             raise ValueError("1/s or Hz may count cycles, strokes or turns")
         return np.asarray(_registry().Quantity(values, source).to(target).magnitude, dtype=float)
     except Exception:
@@ -88,10 +85,6 @@ def unit_of(unit: str) -> "Unit":
         return _registry().Unit("dimensionless" if known == "1" else known)
     except Exception:
         raise ValueError(f"unit '{unit}' is not known") from None
-
-
-def _is_angular(unit: "Unit") -> bool:
-    return "radian" in str((1 * unit).to_root_units().units)
 
 
 @cache

@@ -43,15 +43,21 @@ def _layout(name: str, unit: str, meaning: str, axes: tuple[str, ...]) -> Layout
     return Layout(LearnedCurve, items | {"relative_error": Item("1", "standard error over the value", axes)})
 
 
+def _axes(axes: Mapping[str, Nodes]) -> Contents:
+    """Return the nodes of a curve as datasets; a slash in a dataset's name would be a group."""
+    return {
+        name.replace("/", "_over_"): Field(nodes.values, Item(nodes.unit, nodes.meaning))
+        for name, nodes in axes.items()
+    }
+
+
 def write_learned(file: h5py.File, learning: Learning) -> None:
     """Write `/engine` into a file that has none."""
     known = learning.known
     group = file.create_group(GROUP)
     group.attrs["logs"] = list(known.sources)
     for name, curve in known.curves.items():
-        axes: Contents = {
-            axis: Field(nodes.values, Item(nodes.unit, nodes.meaning)) for axis, nodes in curve.axes.items()
-        }
+        axes = _axes(curve.axes)
         write_group(group, name, axes | fields(_layout(curve.name, curve.unit, curve.meaning, tuple(axes)), curve))
     every = np.arange(known.covariance.shape[0], dtype=np.int32)
     meaning = "relative deviation of every node of the curves, then of the numbers that have one"
@@ -171,7 +177,7 @@ PRIOR = Layout(StoredEngine, {"prior_error": Item("1", "standard deviation befor
 
 
 def write_engine(path: Path, stored: StoredEngine) -> None:
-    """Write an engine; at any instant the target is absent, the old file, or the complete new one."""
+    """Write an engine, which appears whole."""
     unknowns = fields(_UnknownsAsStored, stored.unknowns)
     unknowns["prior_error"] = fields(PRIOR, stored)["prior_error"]
     components = _corrections(stored.unknowns, stored.unknowns.mean, stored.error)
@@ -198,16 +204,12 @@ def _corrections(unknowns: Unknowns, mean: Array, error: Array) -> Contents:
     found: Contents = {}
     for component in unknowns.components:
         own = unknowns.places()[component.name]
-        axes: Contents = {
-            name.replace("/", "_over_"): Field(nodes.values, Item(nodes.unit, nodes.meaning))
-            for name, nodes in component.axes.items()
-        }
+        axes = _axes(component.axes)
         shape = tuple(nodes.values.size for nodes in component.axes.values())
         item = Item(component.unit, component.meaning, tuple(axes))
-        correction = Field(mean[own].reshape(shape), item)
-        spread = Field(error[own].reshape(shape), replace(item, meaning="standard error of it"))
-        shown: Contents = {"correction": correction, "standard_error": spread, "group": component.group}
-        found[component.name] = axes | shown
+        axes["correction"] = Field(mean[own].reshape(shape), item)
+        axes["standard_error"] = Field(error[own].reshape(shape), replace(item, meaning="standard error of it"))
+        found[component.name] = axes | {"group": component.group}
     return found
 
 

@@ -56,7 +56,7 @@ class StoredFleet:
 
 
 def write_fleet(fleet: StoredFleet) -> None:
-    """Write a fleet; at any instant its file is absent, the old one, or the complete new one."""
+    """Write a fleet, which appears whole."""
     with hdf.creating(fleet.path, KIND) as file:
         file.attrs["air_path"] = fleet.air_path
         layout = fields(surfaces.grid_layout(fleet.axes), fleet.grid)
@@ -81,15 +81,15 @@ def dated(refined: Path, logs: Sequence[TrackedLog]) -> list[DatedEffect]:
         stored = read_if_there(file.get("refinement"), StoredRefinement)
     known, found = {log.sha256: log for log in logs}, []
     for effect in () if stored is None else stored.effects:
-        present = [known[span.sha256] for span in effect.spans if span.sha256 in known and span.begin < np.inf]
+        spans = [(known[span.sha256], span.begin < np.inf) for span in effect.spans if span.sha256 in known]
+        present = [log for log, acts in spans if acts]
         if not present:
             raise DataError(
                 f"{refined}: effect {effect.id} was found on logs that are not in the fleet; give these logs to `lpvobs track`, too"
             )
         for vehicle in sorted({log.vehicle for log in present}):
             days = [log.date for log in present if log.vehicle == vehicle]
-            others = [known[span.sha256] for span in effect.spans if span.sha256 in known and span.begin == np.inf]
-            before = [log.date for log in others if log.vehicle == vehicle and log.date <= min(days)]
+            before = [log.date for log, acts in spans if not acts and log.vehicle == vehicle and log.date <= min(days)]
             size = (effect.id, effect.parameter, effect.unit, effect.value, *effect.ci90)
             found.append(DatedEffect(vehicle, *size, max(before, default=np.nan), min(days), max(days)))
     return found

@@ -22,26 +22,22 @@ if TYPE_CHECKING:
 
 KIND = "gain"
 REMEDY = "make a gain with `lpvobs synth-gain`"
-Range = tuple[float, float]
 
 
 @dataclass(frozen=True)
 class StoredGain:
-    """A gain, whose engine it is for, and which logs its region was drawn from.
+    """A gain, whose engine it is for, and which logs its region was drawn from."""
 
-    The origin is `synthesised`, or where a published gain was printed; `engine` are the engine's constants. `outputs` are the
-    measured states among the outputs; the sensor comes after them. The temperatures [K] are the ranges that the region was made
-    for.
-    """
-
-    origin: str
+    origin: str  # `synthesised`, or where a published gain was printed
     air_path: str
-    engine: Mapping[str, float]
+    engine: Mapping[str, float]  # the engine's constants
     states: Annotated[tuple[str, ...], Item("1", "state", name="state")]
-    outputs: tuple[str, ...]
+    outputs: tuple[str, ...]  # the measured states among the outputs; the sensor comes after them
     gain: Annotated[Gain, Item(name=".")]
     log_bounds: Annotated[Mapping[str, Array], Item("SI", "range of the parameters", ("log", "bound", "parameter"))]
-    temperatures: Mapping[str, Range] = field(default_factory=dict)
+    temperatures: Mapping[str, tuple[float, float]] = field(
+        default_factory=dict
+    )  # [K], ranges that the region was made for
 
     @property
     def state(self) -> StateGain:
@@ -65,7 +61,7 @@ class _Bounds:
 
 
 def write_gain(path: Path, stored: StoredGain, made_by: provenance.Provenance) -> None:
-    """Write a gain file; at any instant the target is absent, the old file, or the complete new one."""
+    """Write a gain file, which appears whole."""
     with hdf.creating(path, KIND) as file:
         write_gain_group(file, stored)
         mapping.write(file, "provenance", made_by)
@@ -88,8 +84,8 @@ def read_gain_group(parent: h5py.File) -> StoredGain:
     """Return what `write_gain_group` wrote."""
     group = parent["gain"]
     bounds = mapping.read(group, _Bounds)
-    lower, upper = bounds.rho_bounds.T.tolist()
-    region = Region(bounds.names, tuple(lower), tuple(upper), bounds.nonnegative_sums)
+    lower, upper = map(tuple, bounds.rho_bounds.T.tolist())
+    region = Region(bounds.names, lower, upper, bounds.nonnegative_sums)
     return mapping.read(group, StoredGain, gain=mapping.read(group, Gain, region=region))
 
 

@@ -53,9 +53,7 @@ def write_fields(group: h5py.Group, contents: Contents) -> h5py.Group:
     for key, field in fields.items():
         for dimension, axis in enumerate(field.item.axes):
             group[key].dims[dimension].attach_scale(group[axis])
-    for key, value in contents.items():
-        if not isinstance(value, Field | dict):
-            group.attrs[key] = value
+    group.attrs.update({key: value for key, value in contents.items() if not isinstance(value, Field | dict)})
     for key, value in contents.items():
         if isinstance(value, dict):
             write_group(group, key, value)

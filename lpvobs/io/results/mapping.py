@@ -68,7 +68,9 @@ def layout_of(record: Any) -> Layout[Any]:
     hints = get_type_hints(record, include_extras=True)
     every = [(key, item) for key, hint in hints.items() for item in getattr(hint, "__metadata__", ())]
     said = {key: item for key, item in every if isinstance(item, Item)}
-    plain = (key for key, kind in _hints(record).items() if record_in(kind) is None and not _is_array(kind))
+    plain = (
+        key for key, kind in _hints(record).items() if record_in(kind) is None and get_origin(kind) is not np.ndarray
+    )
     return Layout(record, said, tuple(key for key in plain if key not in said))
 
 
@@ -172,11 +174,7 @@ def element_of(kind: Any) -> type:
     parts = [part for part in get_args(kind) if part is not type(None)]
     if not parts:
         return kind  # type: ignore[no-any-return]
-    return element_of(parts[-1] if _is_array(kind) or is_mapping(kind) else parts[0])
-
-
-def _is_array(kind: Any) -> bool:
-    return get_origin(kind) is np.ndarray
+    return element_of(parts[-1] if get_origin(kind) is np.ndarray or is_mapping(kind) else parts[0])
 
 
 def _meanings(item: Item, element: type) -> Mapping[int, str]:
@@ -197,22 +195,17 @@ def _fields(layout: Layout[Any], columns: Mapping[str, Any], labels: Labels) -> 
         dtype = item.stored or (np.int8 if meanings else np.dtype(element))
         shown = text(stored) if element is str else np.asarray(stored, dtype)
         found[layout.name(key)] = Field(shown, replace(item, meanings=meanings))
-    sizes = {
-        axis: size for each in found.values() for axis, size in zip(each.item.axes, each.values.shape, strict=False)
-    }
     axes: Contents = {}
-    for axis, size in sizes.items():
-        same = axis.removeprefix("other_")
-        if axis not in found and (same in found or same in AXES):
-            axes[axis] = found[same] if same in found else _axis(same, size, known)
+    for each in found.values():
+        for axis, size in zip(each.item.axes, each.values.shape, strict=False):
+            same = axis.removeprefix("other_")
+            if same in found and axis not in found:
+                axes[axis] = found[same]
+            elif same in AXES and axis not in found:
+                marks = known.get(same, np.arange(size, dtype=np.int8 if AXES[same].meanings else np.int32))
+                shown = text(list(marks)) if isinstance(next(iter(marks), 0), str) else np.asarray(marks)
+                axes[axis] = Field(shown, AXES[same])
     return {**axes, **found}
-
-
-def _axis(name: str, size: int, labels: Labels) -> Field:
-    item = AXES[name]
-    marks = labels.get(name, np.arange(size, dtype=np.int8 if item.meanings else np.int32))
-    shown = text(list(marks)) if isinstance(next(iter(marks), 0), str) else np.asarray(marks)
-    return Field(shown, item)
 
 
 def _value(group: h5py.Group, layout: Layout[Any], key: str) -> Any:

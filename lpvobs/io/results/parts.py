@@ -28,8 +28,6 @@ ENDING = ".part"
 OWN = re.compile(r"[0-9a-f]{64}\.part")
 UNFINISHED = re.compile(r"\.[0-9a-f]{64}\.part\.(part|lock)")
 MOST_BYTES = 2**29  # largest size of a part; the part of 10^9 samples has a quarter of it
-
-
 Left = TypeVar("Left")
 
 
@@ -65,8 +63,8 @@ def part_bytes(key: str, sha256: str, stored: object) -> bytes:
 
 def part_of_bytes(data: bytes, kind: type[Left]) -> tuple[Left, str, str]:
     """Return a part, the key that it was made with, and the digest of its log; raises ValueError for anything else."""
-    digest, body = data[:32], data[32:]
-    if hashlib.sha256(body).digest() != digest:
+    body = data[32:]
+    if hashlib.sha256(body).digest() != data[:32]:
         raise ValueError("is damaged, or is not the stored part of a log")
     try:
         of_kind: Any = _File
@@ -146,9 +144,7 @@ class PartsFolder(Generic[Left]):
 
     def _usable(self, file: Path) -> bool:
         try:
-            if file.stat().st_size > MOST_BYTES:
-                return False
-            _, *made_for = part_of_bytes(file.read_bytes(), self.kind)
+            small = file.stat().st_size <= MOST_BYTES
+            return small and part_of_bytes(file.read_bytes(), self.kind)[1:] == (self.key, file.stem)
         except (OSError, ValueError):
             return False
-        return made_for == [self.key, file.stem]

@@ -14,11 +14,12 @@ from lpvobs import __version__
 from lpvobs.engines.base import AirPath
 from lpvobs.errors import DataError
 
-Constants = Mapping[str, float]
 LIBRARIES = ("numpy", "scipy", "numba", "h5py", "pyarrow")
 
 
-def expect_engine(path: Path, what: str, made_for: tuple[str, Constants], engine: AirPath, remedy: str) -> None:
+def expect_engine(
+    path: Path, what: str, made_for: tuple[str, Mapping[str, float]], engine: AirPath, remedy: str
+) -> None:
     """Raise DataError unless a gain or engine was made for the configured kind and constants; `what` says so of the file."""
     kind, constants = made_for
     if kind != engine.name:

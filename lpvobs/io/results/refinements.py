@@ -23,16 +23,13 @@ CONSTANT = ("constant",)
 
 @dataclass(frozen=True)
 class StoredRefinement:
-    """What a refined result knows beyond its map.
-
-    Constants are by name; `map_stood` is whether the map was frozen when the effects were found, `json` the contract's object.
-    """
+    """What a refined result knows beyond its map; constants are by name."""
 
     effects: Annotated[tuple[known_effects.KnownEffect, ...], Item(name="effects/effect")]
     constants: Annotated[Mapping[str, float], Item("1", "from the configured value", CONSTANT, "relative_deviation")]
     deviations: Annotated[Mapping[str, float], Item("1", "of the deviation", CONSTANT, "standard_deviation")]
-    map_stood: bool
-    json: str
+    map_stood: bool  # whether the map was frozen when the effects were found
+    json: str  # the contract's object
 
 
 @dataclass(frozen=True)
@@ -46,23 +43,18 @@ class Compared(held_out.Comparison):
 def write_refinement(file: h5py.File, stored: StoredRefinement) -> h5py.Group:
     """Write `/refinement` into a result that has none, and return the group."""
     group = write(file, "refinement", stored, BOUNDS)
+    # beside an effect stands what only its own values say: unit and meaning, and on which logs it acts
     for effect, own in zip(stored.effects, numbered(group, "effects/effect"), strict=True):
-        _say(own, effect)
+        for name in ("value", "ci90"):
+            own[name].attrs["units"] = effect.unit
+        own["value"].attrs["long_name"] = f"{effect.parameter} of {effect.id}"
+        if (curve := effect.curve) is not None:
+            along = f"{curve.of} of {curve.channel}, in the log's unit, rates per second"
+            own["curve/knot"].attrs["long_name"] = along
+            own["curve/deviation"].attrs["long_name"] = f"relative error of {curve.carrier} for an amplitude of 1"
+        acts = np.array([span.acts for span in effect.spans], dtype=np.int8)
+        hdf.write_fields(own, {"acts": hdf.Field(acts, Item("1", "on the log", ("log",), meanings=hdf.NO_YES))})
     return group
-
-
-def _say(group: h5py.Group, effect: known_effects.KnownEffect) -> None:
-    """Write beside an effect what only its own values say: unit and meaning, and on which logs it acts."""
-    for name in ("value", "ci90"):
-        group[name].attrs["units"] = effect.unit
-    group["value"].attrs["long_name"] = f"{effect.parameter} of {effect.id}"
-    if effect.curve is not None:
-        own = group["curve"]
-        along = f"{effect.curve.of} of {effect.curve.channel}, in the log's unit, rates per second"
-        own["knot"].attrs["long_name"] = along
-        own["deviation"].attrs["long_name"] = f"relative error of {effect.curve.carrier} for an amplitude of 1"
-    acts = np.array([span.acts for span in effect.spans], dtype=np.int8)
-    hdf.write_fields(group, {"acts": hdf.Field(acts, Item("1", "on the log", ("log",), meanings=hdf.NO_YES))})
 
 
 def write_sensor_state(parent: h5py.Group, found: SensorState, gain: gains.StoredGain) -> None:

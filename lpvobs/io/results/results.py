@@ -33,12 +33,7 @@ REMEDY = "make a result with `lpvobs estimate`"
 
 @dataclass(frozen=True)
 class LogSummary:
-    """What a result keeps of each log that made it.
-
-    `dropped` is by channel; `found`, among the dropped, are samples that are stuck, saturated or spiked, by kind and channel,
-    such as `stuck p_im`. The duration is in s. `balance_ratio` is the disagreement of the balances over what is to be expected
-    of it, NaN where there is one balance; metrics are None where the log has no references.
-    """
+    """What a result keeps of each log that made it."""
 
     name: str
     sha256: str
@@ -47,15 +42,19 @@ class LogSummary:
     dropped_rows: int
     gaps: int
     repeated: int
-    duration: float
-    dropped: Mapping[str, int]
-    found: Mapping[str, int]
+    duration: float  # [s]
+    dropped: Mapping[str, int]  # by channel
+    found: Mapping[
+        str, int
+    ]  # among these, by kind and channel, such as `stuck p_im`: stuck, saturated or spiked samples
     share_certified: Annotated[float, Item("1", "share of samples inside the region of the certificate", gaps=True)]
     lower: Annotated[Array, Item("SI", "smallest scheduling parameters along the log", ("parameter",))]
     upper: Annotated[Array, Item("SI", "largest scheduling parameters along the log", ("parameter",))]
-    balance_ratio: float
+    balance_ratio: (
+        float  # disagreement of the balances over what is to be expected of it; NaN where there is one balance
+    )
     mean_flow: Annotated[float, Item("kg/s", "mean of the sensor's readings", gaps=True)]
-    metrics: Metrics | None
+    metrics: Metrics | None  # None where the log has no references
 
 
 @dataclass(frozen=True)
@@ -136,13 +135,11 @@ def read_result(path: Path) -> StoredResult:
                 f"{path}: the result is for an engine of kind '{air_path}', expected one of {', '.join(ENGINES)}; read the file "
                 f"with the version of lpvobs that wrote it"
             )
-        axes = surfaces.axes_of(file)
+        axes, logs, filled = surfaces.axes_of(file), file["logs"], file.get(surfaces.GROUP)
         found: dict[str, Any] = {}
         for name, layout in _layouts(axes).items():
             found |= values(file[name], layout)
-        logs = file["logs"]
-        found_agreement = read_if_there(file.get("balance_agreement"), BalanceAgreement)
-        filled = file.get(surfaces.GROUP)
+        agreement = read_if_there(file.get("balance_agreement"), BalanceAgreement)
         return StoredResult(
             path=path,
             air_path=air_path,
@@ -158,7 +155,7 @@ def read_result(path: Path) -> StoredResult:
             outer_coverage=np.nan if filled is None else float(filled["outer_coverage"][()]),
             provenance=read(file["provenance"], Provenance),
             headline=str(file.attrs.get("headline", "")),
-            balance_agreement=found_agreement.ratio if found_agreement else np.nan,
+            balance_agreement=agreement.ratio if agreement else np.nan,
             engine=read_if_there(file.get(engines.ENGINE_FOUND), engines.EngineOfMap),
             state=state,
             refused=read_refused(file),

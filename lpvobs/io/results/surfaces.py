@@ -99,7 +99,7 @@ class Surface:
         weights = joint.at_weights(self.x.nodes, x)[:, :, None] * joint.at_weights(self.y.nodes, y)[:, None, :]
         if not np.all(weights.sum((1, 2)) > 0.0):
             raise DataError(f"points: a point is outside the map; expected {self._ends()}")
-        return self._combined(weights.reshape(x.size, -1))
+        return joint.combined(weights.reshape(x.size, -1), self.values.ravel(), self.covariance)
 
     def mean(self, region: Mapping[str, tuple[float, float]]) -> joint.Joint:
         """Return the mean over a region: from and to by the name of an axis; an axis without counts whole.
@@ -107,12 +107,11 @@ class Surface:
         Raises DataError for another axis, a region that leaves the map, or one with nodes without a value.
         """
         axes = (self.x, self.y)
-        other = sorted(set(region) - {axis.name for axis in axes})
-        if other:
+        if other := sorted(set(region) - {axis.name for axis in axes}):
             raise DataError(f"region: the map has no axis '{other[0]}'; expected {self._ends()}")
         whole = {axis.name: (float(axis.nodes[0]), float(axis.nodes[-1])) for axis in axes} | dict(region)
         along = [joint.mean_weights(axis.nodes, *whole[axis.name]) for axis in axes]
-        return self._combined(np.outer(*along).reshape(1, -1))
+        return joint.combined(np.outer(*along).reshape(1, -1), self.values.ravel(), self.covariance)
 
     def difference(self, other: "Surface") -> "Surface":
         """Return this map less another one, on the axes of this one; the errors of both count as independent.
@@ -147,12 +146,9 @@ class Surface:
         """Return the map without the nodes whose 90 % interval is wider to either side than `most` [unit]."""
         return self.without((self.origin != NONE) & (joint.NORMAL_90 * self.standard_error > most), LEFT_OUT)
 
-    def _combined(self, weights: Array) -> joint.Joint:
-        return joint.combined(weights, self.values.ravel(), self.covariance)
-
     def _ends(self) -> str:
-        axes = (self.x, self.y)
-        return " and ".join(f"{axis.name} from {axis.nodes[0]:g} to {axis.nodes[-1]:g} {axis.unit}" for axis in axes)
+        ends = (f"{axis.name} from {axis.nodes[0]:g} to {axis.nodes[-1]:g} {axis.unit}" for axis in (self.x, self.y))
+        return " and ".join(ends)
 
 
 def read_surface(path: Path, source: str = "") -> Surface:

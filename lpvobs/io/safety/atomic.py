@@ -65,22 +65,18 @@ def claimed(target: Path) -> Iterator[Path]:
         raise DataError(f"{target}: cannot be written ({error.strerror}); name a writable folder") from None
     try:
         _claims.add(target)
-        _sweep(target)
+        # what killed writers have left; `map` sweeps nothing that `map.h5` writes
+        ours = re.compile(re.escape(f".{target.name}.") + r"[a-z0-9_]{8}\.part")
+        with suppress(OSError):
+            for left in target.parent.iterdir():
+                if ours.fullmatch(left.name) and S_ISREG(left.lstat().st_mode):
+                    left.unlink(missing_ok=True)
         yield target
     finally:
         _claims.discard(target)
         with suppress(OSError):
             lock.unlink()
         os.close(handle)
-
-
-def _sweep(target: Path) -> None:
-    # `map` sweeps nothing that `map.h5` writes
-    ours = re.compile(re.escape(f".{target.name}.") + r"[a-z0-9_]{8}\.part")
-    with suppress(OSError):
-        for left in target.parent.iterdir():
-            if ours.fullmatch(left.name) and S_ISREG(left.lstat().st_mode):
-                left.unlink(missing_ok=True)
 
 
 def is_same(target: Path, other: Path) -> bool:

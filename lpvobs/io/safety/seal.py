@@ -34,8 +34,7 @@ def sealed(content: bytes) -> bytes:
 def expect_sound(path: Path, remedy: str) -> None:
     """Raise DataError for a file whose seal is wrong, or that has none and cannot be read within limits."""
     found = path.stat()
-    reason = _damage(str(path), found.st_ino, found.st_size, found.st_mtime_ns)
-    if reason:
+    if reason := _damage(str(path), found.st_ino, found.st_size, found.st_mtime_ns):
         raise DataError(f"{path}: damaged ({reason}); {remedy}")
 
 
@@ -65,8 +64,7 @@ grows with its vehicles and unpacks to less than twice itself; what is packed to
 def expect_self_contained(file: h5py.File, name: str, remedy: str) -> None:
     """Raise DataError unless a file holds everything itself, and unpacks to a reasonable size."""
     # Links are looked at, and only those within the file followed: others lead to whatever the file's writer names.
-    links = 0
-    total = 0
+    links, total = 0, 0
     most = max(MOST_BYTES, MOST_TIMES * file.id.get_filesize())
 
     def look(path: bytes, info: h5py.h5l.LinkInfo) -> str | None:

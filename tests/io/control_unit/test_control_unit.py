@@ -22,8 +22,7 @@ from repository import CONFIGS
 from lpvobs.api.export_unit import export_unit, unit_of
 from lpvobs.errors import NotProven, UsageError
 from lpvobs.io.configuration.config import load_config
-from lpvobs.io.control_unit.fmu import write_fmu
-from lpvobs.io.control_unit.sources import Unit, sources
+from lpvobs.io.control_unit.sources import Unit, sources, write_fmu
 from lpvobs.io.results.engines import read_engine
 from lpvobs.io.results.gains import StoredGain, read_gain
 from lpvobs.io.safety.atomic import file_digest

@@ -15,8 +15,8 @@ from lpvobs.engines.diesel import relations as relation
 from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.engines.unknowns import unknowns_of
 from lpvobs.errors import DataError, UsageError
-from lpvobs.io.calibration.component_maps import named_file, read_component_map
 from lpvobs.io.calibration.dcm import DcmMap, dcm_text
+from lpvobs.io.logs.bench import named_file, read_component_map
 
 T, P = 298.15, 98_100.0
 HEAD = "# T_reference = 25 degC\n# p_reference = 981 hPa\n"
