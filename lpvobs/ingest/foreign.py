@@ -9,15 +9,13 @@ from typing import Any
 import numpy as np
 
 from lpvobs.errors import DataError
-from lpvobs.ingest import profiles, recordings, resample
+from lpvobs.ingest import profiles, resample
+from lpvobs.ingest.formats import open_recording
 from lpvobs.ingest.record import SCHEMA, ChannelDone, IngestRecord, ProfileDone, RasterDone, TimeDone
-from lpvobs.ingest.recording_apart import MDF_MAGIC, open_mat, open_mdf
-from lpvobs.ingest.recording_table import open_csv, open_parquet
 from lpvobs.ingest.recordings import ForeignRecording, find, nearest
 from lpvobs.ingest.repairs import MOST_BACKWARD, RecordedSamples, Source, forward
 from lpvobs.records import Array
 
-OPENERS = {"csv": open_csv, "parquet": open_parquet, "mat": open_mat, "mdf": open_mdf}
 NAMELESS = ProfileDone("", "")
 
 
@@ -121,29 +119,3 @@ def _joined(name: str, parts: Sequence[RecordedSamples], profile: profiles.Profi
     values = np.concatenate([part.values for part in parts])[keep]
     count = int(np.count_nonzero(np.isfinite(values)))
     return RecordedSamples(time[keep], values, replace(parts[0].done, file=files, samples=count, repairs=repairs))
-
-
-def open_recording(path: Path, rules: profiles.SourceRules) -> recordings.ForeignRecording:
-    """Return a foreign file, opened by its format: the profile's, or that of its first bytes; raises DataError if it cannot be."""
-    found = sniff(path)
-    recording = OPENERS[rules.format or found](path, rules)
-    if len(recording.heads) > recordings.MOST_COLUMNS:
-        raise DataError(
-            f"{path}: has {len(recording.heads)} columns, expected {recordings.MOST_COLUMNS} at most; export fewer"
-        )
-    return recording
-
-
-def sniff(path: Path) -> str:
-    """Return the format of a file by its first bytes; what no other format begins with is taken for CSV."""
-    if not path.is_file():
-        raise DataError(f"{path}: no such recording; name a CSV, Parquet, MAT or MDF4 file")
-    with recordings.opened(path) as stream:
-        first = stream.read(8)
-    if first[:4] == b"PAR1":
-        return "parquet"
-    if first[:8] in MDF_MAGIC:
-        return "mdf"
-    if first[:6] == b"MATLAB" or first[:8] == b"\x89HDF\r\n\x1a\n":
-        return "mat"
-    return "csv"

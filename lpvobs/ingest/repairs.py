@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lpvobs.errors import DataError
-from lpvobs.ingest.guesses import refreshed
 from lpvobs.ingest.profiles import Profile
 from lpvobs.ingest.record import ChannelDone, SourceDone
 from lpvobs.ingest.recordings import Column, ForeignRecording, as_numbers, find, nearest
@@ -73,6 +72,20 @@ def forward(time: Array) -> NDArray[np.bool_]:
     """Return which stamps are finite and later than every earlier one."""
     latest = np.fmax.accumulate(np.concatenate(([-np.inf], time)))[:-1]
     return np.asarray(time > latest)
+
+
+def refreshed(values: Array, turn: int, turns: int) -> tuple[int, int]:
+    """Return how often a column changes out of its turn, and how often in all; row r is the turn of column r modulo `turns`."""
+    changed = np.flatnonzero((values[1:] != values[:-1]) & np.isfinite(values[:-1])) + 1
+    return int(np.count_nonzero(changed % turns != turn)), changed.size
+
+
+def polled(columns: Mapping[str, Array], turns: list[str]) -> float:
+    """Return which share of all changes falls into the turn of its column, NaN for under three columns or a hundred changes."""
+    # By chance it would be one in the number of columns. `turns` are all columns besides time, in the order of the file.
+    counts = [refreshed(values, turns.index(name), len(turns)) for name, values in columns.items()]
+    late, every = (sum(count[end] for count in counts) for end in (0, 1))
+    return 1.0 - late / every if len(turns) >= 3 and every >= 100 else float("nan")
 
 
 @dataclass(frozen=True)

@@ -1,24 +1,39 @@
-"""CSV and Parquet files of other tools: units in brackets behind the names, in a line of their own, or in metadata."""
+"""The formats of foreign recordings, and how a file of each is opened: CSV, Parquet, MAT and MDF.
+
+CSV and Parquet have units in brackets behind the names, in a line of their own, or in metadata. The libraries for MAT and MDF are
+made for files that one trusts: a damaged one may crash them, keep them busy for ever or let them fill the memory. So they run in a
+process of their own, within limits; `lpvobs.ingest.reader` says what the two tell each other.
+"""
 
 import codecs
 import csv
+import io
+import json
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from lpvobs.errors import DataError
+from lpvobs.errors import DataError, UsageError
 from lpvobs.ingest import recordings
 from lpvobs.ingest.profiles import SourceRules
 from lpvobs.ingest.recordings import Column, ForeignRecording, Head
 from lpvobs.io.arrow import pa, pq
+from lpvobs.io.safety.sandbox import answer
 
 LONGEST_LINE = 1 << 20
 ANY_BYTE = "latin-1"
 MOST_LISTED = 1_000_000  # lines with a wrong number of fields, after which no more are looked at
 MOST_BROKEN = 0.01  # share of the lines that may have a wrong number of fields; more is another layout
+SECONDS, BYTES = 6, 2 << 30  # what a library may take for a small file: computing and memory
+PER_SECOND = 4 << 20  # [bytes] of a file for which it may compute a second longer
+MDF_MAGIC = (b"MDF     ", b"UnFinMF ")
+ARCHIVES = (".zip", ".mf4z", ".gzip", ".gz", ".bz2")
+REMEDIES = {"MAT": "save it again in MATLAB with -v7 or -v7.3", "MDF": "record or export it again"}
+"""What to do with a file that the library cannot read."""
 
 
 @dataclass(frozen=True)
@@ -209,3 +224,96 @@ def _parquet(path: Path) -> Iterator["pq.ParquetFile"]:
         raise DataError(
             f"{path}: not a readable Parquet file ({recordings.one_line(error)}); export it again"
         ) from None
+
+
+@dataclass(frozen=True)
+class ApartRecording(ForeignRecording):
+    """A file that another process reads."""
+
+    kind: str
+
+    def read(self, names: Sequence[str]) -> Mapping[str, Column]:
+        """Return columns as they are stored; those of MDF in physical values, with their own stamps, empty where marked invalid."""
+        recordings.check_samples(self.path, [self.heads[name].size for name in names])
+        tables = _asked(self.path, self.kind, names, self.notes)
+        return {
+            name: Column(table["values"], table["time"].to_numpy() if table.num_columns > 1 else None)
+            for name, table in zip(names, tables, strict=True)
+        }
+
+
+def open_mat(path: Path, rules: SourceRules) -> ApartRecording:
+    """Return a MAT file with the names, units and lengths of its numeric vectors; structures become dotted names."""
+    return _opened(path, "MAT")
+
+
+def open_mdf(path: Path, rules: SourceRules) -> ApartRecording:
+    """Return an MDF file with its channels; a name that several groups have is called group:name."""
+    if find_spec("asammdf") is None:
+        raise UsageError(
+            f"{path}: MDF needs the library asammdf, which is not installed; install it with: pip install 'lpvobs[mdf]'"
+        )
+    with recordings.opened(path) as stream:
+        magic = stream.read(8)
+    if magic not in MDF_MAGIC:  # the library would unpack it
+        raise DataError(
+            f"{path}: does not begin like an MDF file; unpack the file if it is packed, or delete format in the profile's [source]"
+        )
+    if path.suffix.lower() in ARCHIVES:  # the library would take it for its own copy of an archive, and delete it
+        raise DataError(f"{path}: is an MDF file, but its name ends like that of an archive; rename it to .mf4")
+    return _opened(path, "MDF")
+
+
+def _opened(path: Path, kind: str) -> ApartRecording:
+    notes: dict[str, str] = {}
+    heads = {column.pop("full"): Head(**column) for column in _asked(path, kind, None, notes)}
+    return ApartRecording(path, heads, kind, notes=notes)
+
+
+def _asked(path: Path, kind: str, wanted: Sequence[str] | None, notes: dict[str, str]) -> Iterator[Any]:
+    """Yield what the reading process says of every column, or tables of the wanted ones; keep its notes."""
+    size, asked = path.stat().st_size, json.dumps([kind, wanted])
+    said = io.BytesIO(answer("lpvobs.ingest.reader", path, SECONDS + size // PER_SECOND, BYTES + size, asked))
+    reason = "the library that reads it fails, or takes too long"
+    try:
+        for line in said:
+            content = json.loads(line)
+            if "notes" in content:
+                notes.update(content["notes"])
+                return
+            if "error" in content:
+                reason = content["error"]
+                break
+            yield content if wanted is None else pa.ipc.open_stream(said).read_all()
+    except (ValueError, pa.ArrowException):  # it ended in the middle of what it had to say
+        pass
+    raise DataError(f"{path}: not a readable {kind} file ({reason}); {REMEDIES[kind]}")
+
+
+OPENERS = {"csv": open_csv, "parquet": open_parquet, "mat": open_mat, "mdf": open_mdf}
+
+
+def open_recording(path: Path, rules: SourceRules) -> ForeignRecording:
+    """Return a foreign file, opened by its format: the profile's, or that of its first bytes; raises DataError if it cannot be."""
+    found = sniff(path)
+    recording = OPENERS[rules.format or found](path, rules)
+    if len(recording.heads) > recordings.MOST_COLUMNS:
+        raise DataError(
+            f"{path}: has {len(recording.heads)} columns, expected {recordings.MOST_COLUMNS} at most; export fewer"
+        )
+    return recording
+
+
+def sniff(path: Path) -> str:
+    """Return the format of a file by its first bytes; what no other format begins with is taken for CSV."""
+    if not path.is_file():
+        raise DataError(f"{path}: no such recording; name a CSV, Parquet, MAT or MDF4 file")
+    with recordings.opened(path) as stream:
+        first = stream.read(8)
+    if first[:4] == b"PAR1":
+        return "parquet"
+    if first[:8] in MDF_MAGIC:
+        return "mdf"
+    if first[:6] == b"MATLAB" or first[:8] == b"\x89HDF\r\n\x1a\n":
+        return "mat"
+    return "csv"
