@@ -75,13 +75,10 @@ def draft_profile(path: Path, names: Path | None = None) -> str:
         numbers = {name: _numbers(column, rules) for name, column in columns.items() if name not in used}
         if rules.format == "csv" and len(clocks) == 1:
             turns = [name for name in heads if name not in used]
-            share = repairs.polled(numbers, turns)
-            if share >= IN_TURN:
+            if (share := repairs.polled(numbers, turns)) >= IN_TURN:
                 rules = replace(rules, polled=True)
-                layout += [
-                    f"polled: {100 * share:.1f} % of all changes are in the one row of {len(turns)} in which the logger "
-                    "refreshes their column",
-                ]
+                row = f"the one row of {len(turns)} in which the logger refreshes their column"
+                layout.append(f"polled: {100 * share:.1f} % of all changes are in {row}")
         places = product((name for name in heads if name in numbers), known)
         guesses = [found for name, to in places if (found := guess(to, name, heads[name], numbers[name], own))]
     sure, order = _sure(guesses), list(known)
@@ -92,7 +89,6 @@ def draft_profile(path: Path, names: Path | None = None) -> str:
         steps = [median_step(clock.time) for clock in clocks if clock.unit or rules.format == "mat"]
     else:
         steps = [median_step(time) for name in sure if (time := columns[name].time) is not None]
-    usual = profiles.SourceRules()
     return filled(
         "lpvobs.ingest",
         "profile.toml",
@@ -100,11 +96,7 @@ def draft_profile(path: Path, names: Path | None = None) -> str:
         name=path.name,
         rules=rules,
         layout=layout,
-        unusual={
-            key: value
-            for key in ("delimiter", "decimal", "header_row", "unit_row")
-            if (value := getattr(rules, key)) != getattr(usual, key)
-        },
+        usual=profiles.SourceRules(),
         clocks=clocks,
         rate=1.0 / min((step for step in steps if step > 0), default=np.inf),
         columns=numbers,
@@ -227,9 +219,7 @@ def guess(
     strong = said == channel if said else named and channel not in own.values()
     if not strong and (said or not (named or may)):
         return None
-    how = (
-        "means this channel in your own table" if said else "means this channel" if strong else "may mean this channel"
-    )
+    how = "means this channel in your own table" if said else f"{'means' if strong else 'may mean'} this channel"
     reasons = [f"the name '{head.name}' {how}"]
     finite = values[np.isfinite(values)]
     if finite.size == 0:
@@ -263,11 +253,8 @@ def _typical(known: channels.Recorded, middle: float, unit: str) -> bool | None:
 
 def kind_of(unit: str) -> list[str]:
     """Return the channels that have a unit of this kind."""
-    return [
-        name
-        for name, known in known_channels().items()
-        if unit and known.unit != "1" and _typical(known, 0.0, unit) is not None
-    ]
+    others = {name: known for name, known in known_channels().items() if unit and known.unit != "1"}
+    return [name for name, known in others.items() if _typical(known, 0.0, unit) is not None]
 
 
 DELIMITERS = (";", "\t", ",", "|")

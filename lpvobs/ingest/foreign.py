@@ -51,10 +51,9 @@ def ingest(sources: Sequence[Path], profile: profiles.Profile, by: ProfileDone =
                 f"computed channel '{name}' needs '{lacking[0]}', which no source has; leave the computed channel out, "
                 "or add the source"
             )
-        values[name], units[name] = item.values(values), item.unit
+        values[name], units[name] = item.values(values), (unit := item.unit)
         count = int(np.count_nonzero(np.isfinite(values[name])))
         said = f"{name} = {item.formula}" + "".join(f", {key} = {text}" for key, text in item.constants.items())
-        unit = item.unit
         channels[name] = ChannelDone("", said, unit, unit, unit, item.meaning, count, {}, rule="computed")
     record = IngestRecord(
         schema=SCHEMA,
@@ -74,8 +73,7 @@ def _find_all(sources: Sequence[ForeignRecording], profile: profiles.Profile) ->
     found: list[dict[str, str]] = [{} for _ in sources]
     for name, rules in profile.channels.items():
         for recording, names in zip(sources, found, strict=True):
-            full = find(recording, rules.names, f"channel '{name}'")
-            if full is not None:
+            if (full := find(recording, rules.names, f"channel '{name}'")) is not None:
                 names[name] = full
         if not rules.optional and not any(name in names for names in found):
             hints = "; ".join(nearest(recording.heads, rules.names) for recording in sources)

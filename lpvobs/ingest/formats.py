@@ -47,13 +47,11 @@ class CsvRecording(ForeignRecording):
         """Return columns as text, empty where the file has nothing; lines that were cut off are left out and noted."""
         from pyarrow import csv as arrow
 
-        head, size = max(self.rules.header_row, self.rules.unit_row), self.path.stat().st_size
+        head = max(self.rules.header_row, self.rules.unit_row)
         lines, quotes, decodes = _survey(self.path, self.encoding)
-        recordings.check_samples(self.path, [lines] * len(names), 2.0 * size)
+        recordings.check_samples(self.path, [lines] * len(names), 2.0 * self.path.stat().st_size)
         encoding = self.encoding if decodes else ANY_BYTE
         self.notes.update(_read_as(self.encoding, encoding))
-        order = list(self.heads)
-        keys = [str(order.index(name)) for name in names]
         broken: list[int] = []
 
         def skip(row: Any) -> str:
@@ -68,12 +66,12 @@ class CsvRecording(ForeignRecording):
                     arrow.ReadOptions(
                         use_threads=False,
                         skip_rows=head,
-                        column_names=[str(number) for number in range(len(order))],
+                        column_names=list(self.heads),
                         encoding=encoding,
                     ),
                     arrow.ParseOptions(delimiter=self.rules.delimiter, invalid_row_handler=skip),
                     arrow.ConvertOptions(
-                        include_columns=keys, column_types=dict.fromkeys(keys, pa.string()), strings_can_be_null=False
+                        include_columns=names, column_types=dict.fromkeys(names, pa.string()), strings_can_be_null=False
                     ),
                 )
         except (pa.ArrowException, OSError, ValueError, LookupError) as error:
@@ -85,13 +83,13 @@ class CsvRecording(ForeignRecording):
         if broken and (self.rules.polled or (len(broken) > 1 and len(broken) > MOST_BROKEN * table.num_rows)):
             raise DataError(
                 f"{self.path}: {len(broken)} of {rows} lines have a wrong number of fields (the first has "
-                f"{broken[0]} fields), expected {len(order)}; check the delimiter, or export the file again"
+                f"{broken[0]} fields), expected {len(self.heads)}; check the delimiter, or export the file again"
             )
         if broken:
             self.notes["broken_lines"] = f"{len(broken)} lines with a wrong number of fields were left out"
         if quotes:
             _refuse_open_quote(self.path, rows, head)
-        return {name: Column(table.column(key)) for name, key in zip(names, keys, strict=True)}
+        return {name: Column(table.column(name)) for name in names}
 
 
 def _survey(path: Path, encoding: str) -> tuple[int, bool, bool]:
@@ -163,7 +161,7 @@ def _first_lines(path: Path, count: int) -> list[bytes]:
 
 def _decoded(path: Path, lines: list[bytes], encoding: str) -> tuple[str, list[str]]:
     """Return the encoding that the header is in, and its lines; what is not UTF-8 is taken for Latin-1."""
-    for candidate in dict.fromkeys((encoding, ANY_BYTE if encoding == "utf-8" else encoding)):
+    for candidate in ("utf-8", ANY_BYTE) if encoding == "utf-8" else (encoding,):
         try:
             return candidate, [line.decode(candidate).lstrip("\ufeff") for line in lines]
         except (ValueError, LookupError):  # also of codecs that are none of text
@@ -197,20 +195,18 @@ def open_parquet(path: Path, rules: SourceRules) -> ParquetRecording:
     """Return a Parquet file with the names and units of its flat columns."""
     with _parquet(path) as file:
         schema, metadata = file.schema_arrow, file.metadata
-        sizes = dict.fromkeys(schema.names, 0)
+        sizes = Counter[str]()
         for number in range(metadata.num_row_groups):
             group = metadata.row_group(number)
-            for place in range(group.num_columns):
-                chunk = group.column(place)
-                sizes[chunk.path_in_schema] = sizes.get(chunk.path_in_schema, 0) + chunk.total_uncompressed_size
-        rows = metadata.num_rows
+            for chunk in map(group.column, range(group.num_columns)):
+                sizes[chunk.path_in_schema] += chunk.total_uncompressed_size
     heads, often = {}, Counter(schema.names)
     for item in schema:
         if not pa.types.is_nested(item.type) and often[item.name] == 1:
             name, inside = recordings.split_unit(item.name)
             said = item.metadata or {}
             stored = (said.get(b"unit") or said.get(b"units") or b"").decode(errors="replace").strip()
-            heads[item.name] = Head(name, stored or inside, rows)
+            heads[item.name] = Head(name, stored or inside, metadata.num_rows)
     return ParquetRecording(path, heads, sizes)
 
 
