@@ -17,8 +17,7 @@ from matplotlib.path import Path as Outline
 from numpy.typing import NDArray
 
 from lpvobs.engines.base import MapAxis
-from lpvobs.engines.curves import LearnedCurve, Nodes
-from lpvobs.engines.unknowns import Component
+from lpvobs.engines.curves import Nodes
 from lpvobs.io.results.engines import ComponentPoint, StoredEngine
 from lpvobs.maps.excitation import Plan
 from lpvobs.records import Array
@@ -247,32 +246,20 @@ def residuals(figure: Figure, stored: StoredEngine, kind: str) -> None:
 
 
 @drawn(3.0)
-def correction(figure: Figure, stored: StoredEngine, component: Component) -> None:
-    """Draw a correction with its band, that before the data, and the points that the rows show."""
-    here = stored.unknowns.places()[component.name]
-    curves = stored.unknowns.mean[here], stored.error[here], stored.prior_error[here]
-    own = [point for point in stored.points if point.component == component.name]
-    _lines(figure, component.axes, curves, own)
-
-
-@drawn(3.0)
-def learned_curve(figure: Figure, learned: LearnedCurve) -> None:
-    """Draw a learned curve with its band."""
-    _lines(figure, learned.axes, (learned.values, learned.relative_error * learned.values, None), ())
-
-
-def _lines(
+def component(
     figure: Figure,
     axes_of: Mapping[str, Nodes],
-    curves: tuple[Array, Array, Array | None],
-    points: Sequence[ComponentPoint],
+    values: Array,
+    errors: Array,
+    errors_before: Array | None = None,
+    points: Sequence[ComponentPoint] = (),
 ) -> None:
-    """Draw values over their first axis, at some nodes of the second and the middle of others, with the points nearest to each.
+    """Draw a correction or a learned curve with its band, that before the data, and the points that the rows show.
 
-    `curves` are values, their standard errors, and those before the data where they are known.
+    Over its first axis, at some nodes of the second and the middle of others, with the points nearest to each.
     """
-    mean, error = (_along(axes_of, values) for values in curves[:2])
-    before = None if curves[2] is None else _along(axes_of, curves[2])
+    mean, error = _along(axes_of, values), _along(axes_of, errors)
+    before = None if errors_before is None else _along(axes_of, errors_before)
     (label, nodes), *others = axes_of.items()
     columns = np.unique(np.linspace(0, mean.shape[1] - 1, CUTS).round().astype(int))
     at = others[0][1].values[columns] if others else np.zeros(1)
