@@ -258,17 +258,14 @@ def report_output(report: Report) -> outputs.ReportOutput:
 def _result_output(view: ResultView) -> outputs.ReportedResult:
     result, found = view.stored, {GROUPS[item.verb]: item.content for item in view.discovered}
     fitted, nodes = result.extrapolation, int(result.supported.sum())
+    more = 0 if fitted is None else int((fitted.support == 2).sum())
     errors = result.standard_error[result.supported]
     sought = found.get("trace") or found.get("refinement") or {"verdict": None, "error": {}}
     return outputs.ReportedResult(
         result=view.name,
         file=str(result.path),
         method=result.method,
-        map=outputs.MapCounts(
-            cells=result.grid.size,
-            estimated=nodes,
-            extrapolated=0 if fitted is None else int((fitted.support == 2).sum()),
-        ),
+        map=outputs.MapCounts(cells=result.grid.size, estimated=nodes, extrapolated=more),
         nodes_estimated=nodes,
         standard_error=float(np.median(errors)) if errors.size and (errors > 0.0).all() else None,
         balance_agreement=result.balance_agreement,
