@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from pint import Unit
 
 LONGEST = 300
+EXPECTED = "names, numbers, + - * / and brackets"
 OPERATIONS: Mapping[type, Callable[[Any, Any], Any]] = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,
@@ -63,16 +64,14 @@ class Computed:
 
 
 def _tree(formula: str) -> ast.expr:
-    if len(formula) > LONGEST:
+    if (letters := len(formula)) > LONGEST:
         raise ValueError(
-            f"the formula has {len(formula)} letters, expected at most {LONGEST}; split it into several computed channels"
+            f"the formula has {letters} letters, expected at most {LONGEST}; split it into several computed channels"
         )
     try:
         return ast.parse(formula.strip(), mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError):
-        raise ValueError(
-            f"'{formula}' is not an arithmetic formula; expected names, numbers, + - * / and brackets"
-        ) from None
+        raise ValueError(f"'{formula}' is not an arithmetic formula; expected {EXPECTED}") from None
 
 
 def _value(node: ast.expr, known: Mapping[str, Any]) -> Any:
@@ -112,7 +111,7 @@ def _kind(node: ast.expr, known: Mapping[str, "Unit"]) -> "Unit | None":
             one, other = (unit_of("1") if kind is None else kind for kind in (_kind(left, known), _kind(right, known)))
             found: Unit = OPERATIONS[type(op)](one, other)
             return found
-    raise ValueError(f"'{ast.unparse(node)}' is not allowed; expected names, numbers, + - * / and brackets")
+    raise ValueError(f"'{ast.unparse(node)}' is not allowed; expected {EXPECTED}")
 
 
 def _counted(unit: "Unit") -> dict[str, object]:

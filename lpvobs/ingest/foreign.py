@@ -9,15 +9,13 @@ from typing import Any
 import numpy as np
 
 from lpvobs.errors import DataError
-from lpvobs.ingest import profiles, recordings, resample
+from lpvobs.ingest import profiles, resample
+from lpvobs.ingest.formats import open_recording
 from lpvobs.ingest.record import SCHEMA, ChannelDone, IngestRecord, ProfileDone, RasterDone, TimeDone
-from lpvobs.ingest.recording_apart import MDF_MAGIC, open_mat, open_mdf
-from lpvobs.ingest.recording_table import open_csv, open_parquet
 from lpvobs.ingest.recordings import ForeignRecording, find, nearest
 from lpvobs.ingest.repairs import MOST_BACKWARD, RecordedSamples, Source, forward
 from lpvobs.records import Array
 
-OPENERS = {"csv": open_csv, "parquet": open_parquet, "mat": open_mat, "mdf": open_mdf}
 NAMELESS = ProfileDone("", "")
 
 
@@ -53,10 +51,9 @@ def ingest(sources: Sequence[Path], profile: profiles.Profile, by: ProfileDone =
                 f"computed channel '{name}' needs '{lacking[0]}', which no source has; leave the computed channel out, "
                 "or add the source"
             )
-        values[name], units[name] = item.values(values), item.unit
+        values[name], units[name] = item.values(values), (unit := item.unit)
         count = int(np.count_nonzero(np.isfinite(values[name])))
         said = f"{name} = {item.formula}" + "".join(f", {key} = {text}" for key, text in item.constants.items())
-        unit = item.unit
         channels[name] = ChannelDone("", said, unit, unit, unit, item.meaning, count, {}, rule="computed")
     record = IngestRecord(
         schema=SCHEMA,
@@ -76,8 +73,7 @@ def _find_all(sources: Sequence[ForeignRecording], profile: profiles.Profile) ->
     found: list[dict[str, str]] = [{} for _ in sources]
     for name, rules in profile.channels.items():
         for recording, names in zip(sources, found, strict=True):
-            full = find(recording, rules.names, f"channel '{name}'")
-            if full is not None:
+            if (full := find(recording, rules.names, f"channel '{name}'")) is not None:
                 names[name] = full
         if not rules.optional and not any(name in names for names in found):
             hints = "; ".join(nearest(recording.heads, rules.names) for recording in sources)
@@ -121,29 +117,3 @@ def _joined(name: str, parts: Sequence[RecordedSamples], profile: profiles.Profi
     values = np.concatenate([part.values for part in parts])[keep]
     count = int(np.count_nonzero(np.isfinite(values)))
     return RecordedSamples(time[keep], values, replace(parts[0].done, file=files, samples=count, repairs=repairs))
-
-
-def open_recording(path: Path, rules: profiles.SourceRules) -> recordings.ForeignRecording:
-    """Return a foreign file, opened by its format: the profile's, or that of its first bytes; raises DataError if it cannot be."""
-    found = sniff(path)
-    recording = OPENERS[rules.format or found](path, rules)
-    if len(recording.heads) > recordings.MOST_COLUMNS:
-        raise DataError(
-            f"{path}: has {len(recording.heads)} columns, expected {recordings.MOST_COLUMNS} at most; export fewer"
-        )
-    return recording
-
-
-def sniff(path: Path) -> str:
-    """Return the format of a file by its first bytes; what no other format begins with is taken for CSV."""
-    if not path.is_file():
-        raise DataError(f"{path}: no such recording; name a CSV, Parquet, MAT or MDF4 file")
-    with recordings.opened(path) as stream:
-        first = stream.read(8)
-    if first[:4] == b"PAR1":
-        return "parquet"
-    if first[:8] in MDF_MAGIC:
-        return "mdf"
-    if first[:6] == b"MATLAB" or first[:8] == b"\x89HDF\r\n\x1a\n":
-        return "mat"
-    return "csv"

@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lpvobs.errors import DataError
-from lpvobs.ingest.guesses import refreshed
 from lpvobs.ingest.profiles import Profile
 from lpvobs.ingest.record import ChannelDone, SourceDone
 from lpvobs.ingest.recordings import Column, ForeignRecording, as_numbers, find, nearest
@@ -73,6 +72,20 @@ def forward(time: Array) -> NDArray[np.bool_]:
     """Return which stamps are finite and later than every earlier one."""
     latest = np.fmax.accumulate(np.concatenate(([-np.inf], time)))[:-1]
     return np.asarray(time > latest)
+
+
+def refreshed(values: Array, turn: int, turns: int) -> tuple[int, int]:
+    """Return how often a column changes out of its turn, and how often in all; row r is the turn of column r modulo `turns`."""
+    changed = np.flatnonzero((values[1:] != values[:-1]) & np.isfinite(values[:-1])) + 1
+    return int(np.count_nonzero(changed % turns != turn)), changed.size
+
+
+def polled(columns: Mapping[str, Array], turns: list[str]) -> float:
+    """Return which share of all changes falls into the turn of its column, NaN for under three columns or a hundred changes."""
+    # By chance it would be one in the number of columns. `turns` are all columns besides time, in the order of the file.
+    counts = [refreshed(values, turns.index(name), len(turns)) for name, values in columns.items()]
+    late, every = (sum(count[end] for count in counts) for end in (0, 1))
+    return 1.0 - late / every if len(turns) >= 3 and every >= 100 else float("nan")
 
 
 @dataclass(frozen=True)
@@ -152,21 +165,19 @@ class Source:
     def _samples(self, name: str, full: str, column: Column, clock: str, time: Array) -> RecordedSamples:
         """Return a channel from its column and the stamps that count."""
         rules, source, file_unit = self.profile.channels[name], self.profile.source, self.recording.heads[full].unit
-        where, named = f"{self.path}: channel '{name}'", f"'{full}'"
+        where = f"{self.path}: channel '{name}'"
         try:
             raw, repairs = as_numbers(column.data, source.decimal)
         except ValueError as error:
-            raise DataError(f"{where} ({named}) {error}; export it as numbers") from None
+            raise DataError(f"{where} ('{full}') {error}; export it as numbers") from None
         if raw.size != time.size:
             raise DataError(
-                f"{where} ({named}) has {raw.size} samples, but its time column has {time.size}; "
+                f"{where} ('{full}') has {raw.size} samples, but its time column has {time.size}; "
                 f"name the right time column with the key time in the profile's [channels.{name}]"
             )
         if raw.size and repairs.get("unreadable") == raw.size:
-            text = str(repairs["example"])[:20]
-            raise DataError(
-                f"{where} ({named}) holds text such as '{text}', expected numbers; check decimal in [source]"
-            )
+            text = f"text such as '{str(repairs['example'])[:20]}'"
+            raise DataError(f"{where} ('{full}') holds {text}, expected numbers; check decimal in [source]")
         keep = np.isfinite(time)
         if source.polled:
             mine, late = self._in_turn(full, clock, raw)
@@ -190,16 +201,11 @@ class Source:
             repairs["unit"] = f"the unit is {file_unit} in the file, but {rules.source_unit} in the profile"
         elif is_broken(rules.source_unit or file_unit):
             repairs["unit_spelling"] = f"{rules.source_unit or file_unit} read as {unit}"
-        done = ChannelDone(
-            file=self.path.name,
-            source=full,
-            unit_in_file=file_unit,
-            unit_read_as=unit,
-            unit=rules.unit,
-            meaning=rules.meaning,
-            samples=int(np.count_nonzero(np.isfinite(values))),
-            repairs={key: found for key, found in repairs.items() if found},
+        made, count = (
+            {key: found for key, found in repairs.items() if found},
+            int(np.count_nonzero(np.isfinite(values))),
         )
+        done = ChannelDone(self.path.name, full, file_unit, unit, rules.unit, rules.meaning, count, made)
         return RecordedSamples(time[keep], values, done)
 
     def _in_turn(self, full: str, clock: str, values: Array) -> tuple[NDArray[np.bool_], int]:

@@ -109,9 +109,7 @@ def bridged(t: Array, at: Array) -> NDArray[np.bool_]:
     return np.asarray((t[right] - t[left] > 2.0 * median_step(t)) & (at > t[left] + SLACK))
 
 
-USUAL_STEPS = 2.5
-"""A channel may be held or bridged for so many of its own usual steps, if that is longer than the raster's gap."""
-
+USUAL_STEPS = 2.5  # of its own that a channel may be held or bridged for, if that is longer than the raster's gap
 FASTER = 1.5  # a channel this many times as fast as the raster is averaged unless its profile says otherwise
 
 
@@ -132,9 +130,10 @@ def on_raster(
                 f"{recordings.MOST_BYTES / 2**30:.0f} GiB; check the unit of time, or lower rate in the profile's [raster]"
             )
         at = raster([item.time for item in samples.values()], rate, profile.raster.gap)
-    placed = {name: _placed(item, at, profile.channels[name], profile) for name, item in samples.items()}
-    done = {name: done for name, (_, done) in placed.items()}
-    return at, {name: values for name, (values, _) in placed.items()}, done
+    values, done = {}, {}
+    for name, item in samples.items():
+        values[name], done[name] = _placed(item, at, profile.channels[name], profile)
+    return at, values, done
 
 
 def _common(samples: Mapping[str, repairs.RecordedSamples]) -> Array:
@@ -167,8 +166,7 @@ def _placed(
     elif rule == "linear":
         values = linear(t, v, at, limit)
     else:
-        width = 1.0 / profile.raster.rate if profile.raster.rate else median_step(at)
-        values = mean(t, v, at, limit, width)
+        values = mean(t, v, at, limit, 1.0 / profile.raster.rate if profile.raster.rate else median_step(at))
     values = np.where(np.isfinite(values), values, np.nan)
     far = bridged(t, at) if t.size > 1 and rule != "as recorded" else False
     return values, replace(

@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from lpvobs.engines.base import AirPath, MapAxis
+from lpvobs.engines.base import MapAxis
 from lpvobs.engines.registry import ENGINES
 from lpvobs.errors import DataError
 from lpvobs.ingest.record import stored_record
@@ -23,7 +23,7 @@ from lpvobs.io.results.surfaces import Surface
 from lpvobs.maps.excitation import excitation
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import best_fit
-from lpvobs.records import Array, Log
+from lpvobs.records import Array
 from lpvobs.report import outputs
 from lpvobs.report.discovered import GROUPS, Discovered, read_discovered, sentence
 from lpvobs.report.fit import ResidualFit
@@ -31,6 +31,8 @@ from lpvobs.report.spoken import cycle_title, distinct, paper_error
 
 SEEN = 0.1
 """[s], how long a drive must inform a node for the fit to the references to show a value there."""
+OF_FIT = ("fit", "lags_outside", "input_lags_outside")
+"""Metrics of a log that its best fit has, None where there is no fit."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +78,7 @@ class ResultView:
     @property
     def axes(self) -> tuple[MapAxis, MapAxis]:
         """The map's inputs: fuel, speed."""
-        return air_path_of(self.stored).axes
+        return ENGINES[self.stored.air_path].air_path.axes
 
     @property
     def estimated(self) -> SurfaceView:
@@ -177,11 +179,6 @@ def load(paths: Sequence[Path]) -> Report:
     return Report(tuple(map(ResultView, names, results, discovered)), logs, drives)
 
 
-def air_path_of(result: StoredResult) -> type[AirPath]:
-    """Return the class of the result's engine, for what holds for all engines of its kind: channels, axes, the sensor."""
-    return ENGINES[result.air_path].air_path
-
-
 def _drive(path: Path, digest: str, results: Sequence[StoredResult]) -> Drive:
     owner = next((result for result in results if any(log.sha256 == digest for log in result.logs)), None)
     if owner is None:
@@ -189,11 +186,16 @@ def _drive(path: Path, digest: str, results: Sequence[StoredResult]) -> Drive:
             f"{path}: none of the given results was made from this log (SHA-256 {digest[:12]}...); "
             f"expected a log that `lpvobs estimate` read, unchanged; leave this log out, or run `lpvobs estimate` on it first"
         )
-    air_path = air_path_of(owner)
+    air_path, grid = ENGINES[owner.air_path].air_path, owner.grid
     log = read_log(path, air_path.channels, _policies(owner))
     references = read_references(path, log.rows) or {}
     fuel, speed = (log[axis.channel] for axis in air_path.axes)
-    reference = references.get("ref_delta_W_c")
+    reference, surface = references.get("ref_delta_W_c"), None
+    if reference is not None and (known := np.isfinite(reference)).any():
+        best = best_fit(grid, *grid.regressors(fuel[known], speed[known]), reference[known])
+        informed = excitation(grid, fuel, speed, log.time, log.segments).nodes() >= SEEN
+        values = np.where(informed, best, np.nan).reshape(grid.shape)
+        surface = SurfaceView(grid, air_path.axes, values, np.zeros(grid.shape, dtype=bool))
     return Drive(
         time=log.time,
         fuel=fuel,
@@ -203,7 +205,7 @@ def _drive(path: Path, digest: str, results: Sequence[StoredResult]) -> Drive:
         reference=reference,
         true_flow=references.get("ref_W_c"),
         ingest=stored_record(path),
-        surface=None if reference is None else _reference_surface(air_path, owner.grid, log, reference),
+        surface=surface,
     )
 
 
@@ -228,18 +230,6 @@ def doubtful_nodes(supported: NDArray[np.bool_], standard_error: Array) -> NDArr
     return np.asarray(supported & (beside <= 1) & (standard_error > np.median(standard_error[supported])))
 
 
-def _reference_surface(air_path: type[AirPath], grid: Grid, log: Log, reference: Array) -> SurfaceView | None:
-    """Return the best bilinear fit to the reference, or None where no sample has one."""
-    fuel, speed = (log[axis.channel] for axis in air_path.axes)
-    known = np.isfinite(reference)
-    if not known.any():
-        return None
-    best = best_fit(grid, *grid.regressors(fuel[known], speed[known]), reference[known])
-    informed = excitation(grid, fuel, speed, log.time, log.segments).nodes() >= SEEN
-    values = np.where(informed, best, np.nan).reshape(grid.shape)
-    return SurfaceView(grid, air_path.axes, values, np.zeros(grid.shape, dtype=bool))
-
-
 def report_output(report: Report) -> outputs.ReportOutput:
     """Return the object of `report --json`."""
     results = [_result_output(view) for view in report.results]
@@ -249,8 +239,7 @@ def report_output(report: Report) -> outputs.ReportOutput:
             result=name,
             method=result.method,
             paper_mean_relative_error=paper_error(result.air_path, log.name),
-            **_fit_fields(best.get((name, log.name))),
-            **outputs.log_fields(log),
+            **outputs.log_fields(log) | {key: getattr(best.get((name, log.name)), key, None) for key in OF_FIT},
         )
         for name, result in report.named
         for log in result.logs
@@ -266,27 +255,17 @@ def report_output(report: Report) -> outputs.ReportOutput:
     )
 
 
-def _fit_fields(best: ResidualFit | None) -> dict[str, Any]:
-    if best is None:
-        return dict.fromkeys(("fit", "lags_outside", "input_lags_outside"))
-    outside = max(best.outside.values(), default=0.0)
-    return {"fit": best.fit, "lags_outside": best.lags_outside, "input_lags_outside": outside}
-
-
 def _result_output(view: ResultView) -> outputs.ReportedResult:
     result, found = view.stored, {GROUPS[item.verb]: item.content for item in view.discovered}
     fitted, nodes = result.extrapolation, int(result.supported.sum())
+    more = 0 if fitted is None else int((fitted.support == 2).sum())
     errors = result.standard_error[result.supported]
     sought = found.get("trace") or found.get("refinement") or {"verdict": None, "error": {}}
     return outputs.ReportedResult(
         result=view.name,
         file=str(result.path),
         method=result.method,
-        map=outputs.MapCounts(
-            cells=result.grid.size,
-            estimated=nodes,
-            extrapolated=0 if fitted is None else int((fitted.support == 2).sum()),
-        ),
+        map=outputs.MapCounts(cells=result.grid.size, estimated=nodes, extrapolated=more),
         nodes_estimated=nodes,
         standard_error=float(np.median(errors)) if errors.size and (errors > 0.0).all() else None,
         balance_agreement=result.balance_agreement,

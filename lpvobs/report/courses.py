@@ -93,11 +93,10 @@ def _columns(time: Array, most: int) -> tuple[NDArray[np.int64], Array]:
 
 def _extremes(place: NDArray[np.int64], values: Array, columns: int) -> Array:
     """Return smallest and largest value of every column in turn, shape (2 columns,), NaN where there is none."""
-    known = np.isfinite(values)
-    low, high = np.full(columns, np.inf), np.full(columns, -np.inf)
-    np.minimum.at(low, place[known], values[known])
-    np.maximum.at(high, place[known], values[known])
-    return np.where(np.repeat(low <= high, 2), np.stack([low, high], axis=1).ravel(), np.nan)
+    there, starts = np.unique(place, return_index=True)  # time runs forward, and so do the columns
+    extremes = np.full((columns, 2), np.nan)
+    extremes[there] = np.stack([of.reduceat(values, starts) for of in (np.fmin, np.fmax)], axis=1)
+    return extremes.ravel()
 
 
 def _coded(values: Array) -> dict[str, float | str]:

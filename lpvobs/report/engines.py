@@ -76,26 +76,17 @@ def told(stored: StoredEngine, out: str, plan: Sequence[PlannedPoint] = ()) -> C
     """Return what is said of a calibrated engine."""
     mean, error, determined = stored.unknowns.mean, stored.error, stored.determined.tolist()
     curves = {} if stored.learned is None else stored.learned.known.curves
-    corrections: list[tuple[str, str, Array, Array, float | None]] = [
-        (component.name, component.unit, mean[own], error[own], float(np.median(stored.prior_error[own])))
+    components = [
+        _component(component.name, component.unit, mean[own], error[own], float(np.median(stored.prior_error[own])))
         for component, own in zip(stored.unknowns.components, stored.unknowns.places().values(), strict=True)
     ]
-    corrections += [(name, of.unit, of.values, of.relative_error * of.values, None) for name, of in curves.items()]
+    components += [_component(name, of.unit, of.values, of.relative_error * of.values) for name, of in curves.items()]
     return CalibrateOutput(
         engine=out,
         points=len({row.point for row in stored.rows if row.point >= 0}),
         inputs=tuple(stored.provenance.inputs_sha256),
         rows=tuple(_fit(stored, kind, left) for kind, left in stored.left.items()),
-        components=tuple(
-            ComponentOutput(
-                component=name,
-                unit=unit,
-                largest=float(np.abs(values).max()),
-                standard_error=float(np.median(errors)),
-                before=before,
-            )
-            for name, unit, values, errors, before in corrections
-        ),
+        components=tuple(components),
         amplitudes=stored.amplitudes,
         constants={
             name: ConstantOutput(deviation=value, standard_error=float(error[i]), determined=determined[i])
@@ -105,14 +96,18 @@ def told(stored: StoredEngine, out: str, plan: Sequence[PlannedPoint] = ()) -> C
     )
 
 
+def _component(name: str, unit: str, values: Array, errors: Array, before: float | None = None) -> ComponentOutput:
+    largest, usual = float(np.abs(values).max()), float(np.median(errors))
+    return ComponentOutput(component=name, unit=unit, largest=largest, standard_error=usual, before=before)
+
+
 def _fit(stored: StoredEngine, kind: str, left: float) -> RowsOutput:
     own = [row for row in stored.rows if row.kind == kind]
 
     def rms(name: str) -> float:
         return float(np.sqrt(np.nanmean([getattr(row, name) ** 2 for row in own])))
 
-    flow = rms("reference")
-    before, held_out = rms("before") / flow, rms("held_out") / flow
+    before, held_out = rms("before") / rms("reference"), rms("held_out") / rms("reference")
     return RowsOutput(kind=kind, rows=len(own), configured=before, held_out=held_out, left=left)
 
 

@@ -1,6 +1,10 @@
-"""Figures of the map: over its two inputs, in space, cut open, and what to drive next; content in, SVG text out."""
+"""Figures of the map and of a calibrated engine: content in, SVG text out.
 
-from collections.abc import Iterable, Sequence
+Of the map: over its two inputs, in space, cut open, and what to drive next. Of an engine: every component with its correction,
+what the data say of it, and what they leave.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import matplotlib as mpl
@@ -13,6 +17,8 @@ from matplotlib.path import Path as Outline
 from numpy.typing import NDArray
 
 from lpvobs.engines.base import MapAxis
+from lpvobs.engines.curves import Nodes
+from lpvobs.io.results.engines import ComponentPoint, StoredEngine
 from lpvobs.maps.excitation import Plan
 from lpvobs.records import Array
 from lpvobs.report.content import Drive, SurfaceView
@@ -22,9 +28,11 @@ TRUTH, ESTIMATE, READING = INK, "#2f7fc1", "#c4621a"
 """Blue and orange are told apart with any colour vision, and stand out from a white and from a nearly black page alike."""
 DIVERGING, SEQUENTIAL = "RdBu_r", "viridis"
 GRAMS = 1e3
-CUTS = 3  # cuts through a map along each of its axes
+CUTS = 3  # cuts through a map along each of its axes; lines through a component, along its first one
 SURE = 1.645  # standard errors on either side of a 90 % interval
 FAINT = 0.35  # opacity of what is extrapolated
+CENTRED: dict[str, Any] = {"ha": "center", "va": "center_baseline"}
+PLATE = {"facecolor": "#ffffff", "edgecolor": "none", "pad": 0.8, "alpha": 0.85}  # behind a number on a map
 LOOKS = ((ESTIMATE, "o"), (READING, "s"), (TRUTH, "^"))
 """Colour and mark of each cut: told apart without colour, too."""
 
@@ -60,9 +68,8 @@ def trajectory(figure: Figure, drive: Drive, surface: SurfaceView) -> None:
         part = slice(start, stop)
         (line,) = axes.plot(drive.fuel[part], drive.speed[part], color=ESTIMATE, linewidth=0.5, rasterized=True)
         line.set_antialiased(False)  # an image of two colours is small
-    grid = surface.grid
-    axes.set_xticks(grid.fuel, minor=True)
-    axes.set_yticks(grid.speed, minor=True)
+    axes.set_xticks(surface.grid.fuel, minor=True)
+    axes.set_yticks(surface.grid.speed, minor=True)
     axes.grid(visible=True, which="minor")
     label_axes(axes, surface.axes)
 
@@ -73,9 +80,8 @@ def surface_view(figure: Figure, surface: SurfaceView, limit: float) -> None:
     with mpl.rc_context({"grid.color": "#80808050"}):
         axes: Any = figure.add_subplot(projection="3d")
     grid, scale = surface.grid, Normalize(-GRAMS * limit, GRAMS * limit)
-    values = GRAMS * surface.values
+    values, filled = GRAMS * surface.values, surface.filled
     middle = 0.25 * (values[:-1, :-1] + values[1:, :-1] + values[:-1, 1:] + values[1:, 1:])
-    filled = surface.filled
     pale = filled[:-1, :-1] | filled[1:, :-1] | filled[:-1, 1:] | filled[1:, 1:]
     colours = np.asarray(mpl.colormaps[DIVERGING](scale(np.nan_to_num(middle))))
     colours[..., 3] = np.where(np.isfinite(middle), np.where(pale, FAINT, 1.0), 0.0)
@@ -108,8 +114,13 @@ def cuts(figure: Figure, surface: SurfaceView, deviation: Array) -> None:
         (panes[0], fuel, speed, lines),
         (panes[1], speed, fuel, lines.transpose(0, 2, 1)),
     ):
-        for k, look in zip(_spread(cut[2].sum(1)), LOOKS, strict=False):
-            _line(axes, at, cut[:, k], f"{places[k]:g} {across.unit}", look)
+        for k, (colour, mark) in zip(_spread(cut[2].sum(1)), LOOKS, strict=False):
+            values, error, estimated = cut[:, k]
+            axes.plot(at, GRAMS * values, color=colour, linestyle="--", linewidth=0.8)
+            own = np.where(estimated > 0.0, GRAMS * values, np.nan)
+            axes.plot(at, own, color=colour, marker=mark, markersize=3.5, label=f"{places[k]:g} {across.unit}")
+            low, high = (GRAMS * (values + sign * SURE * error) for sign in (-1.0, 1.0))
+            axes.fill_between(at, low, high, color=colour, alpha=0.15, linewidth=0.0)
         axes.set_xlabel(f"{along.meaning} [{along.unit}]")
         axes.grid(visible=True)
         axes.legend()
@@ -123,36 +134,16 @@ def _spread(counts: Array) -> list[int]:
     return [int(i) for i in picked]
 
 
-def _line(axes: Axes, at: Array, cut: Array, text: str, look: tuple[str, str]) -> None:
-    """Draw values, their standard errors and where they are estimated, shape (3, N)."""
-    colour, mark = look
-    values, deviation, known = cut
-    axes.plot(at, GRAMS * values, color=colour, linestyle="--", linewidth=0.8)
-    own = np.where(known > 0.0, GRAMS * values, np.nan)
-    axes.plot(at, own, color=colour, marker=mark, markersize=3.5, label=text)
-    low, high = (GRAMS * (values + sign * SURE * deviation) for sign in (-1.0, 1.0))
-    axes.fill_between(at, low, high, color=colour, alpha=0.15, linewidth=0.0)
-
-
 @drawn()
 def plan_map(figure: Figure, surface: SurfaceView, plan: Plan) -> None:
     """Draw a heat map of how long to drive in each cell, [s]; the cells that pay best are framed and numbered."""
     u, n = surface.grid.fuel, surface.grid.speed
     top = float(np.nanmax(plan.time, initial=0.0)) or 1.0
-    scale = LogNorm(min(1.0, 0.1 * top), top)
-    axes = cell_map(figure, surface, plan.time, scale, "time to drive in the cell [s]")
+    axes = cell_map(figure, surface, plan.time, LogNorm(min(1.0, 0.1 * top), top), "time to drive in the cell [s]")
     frame(axes, u, n, plan.cells)
     for number, (j, i) in enumerate(plan.cells, 1):
-        axes.text(
-            0.5 * (u[i] + u[i + 1]),
-            0.5 * (n[j] + n[j + 1]),
-            str(number),
-            ha="center",
-            va="center_baseline",
-            fontsize=8.0,
-            color="#000000",
-            bbox={"facecolor": "#ffffff", "edgecolor": "none", "pad": 0.8, "alpha": 0.85},
-        )
+        middle = 0.5 * (u[i] + u[i + 1]), 0.5 * (n[j] + n[j + 1])
+        axes.text(*middle, str(number), **CENTRED, fontsize=8.0, color="#000000", bbox=PLATE)
 
 
 @drawn()
@@ -181,16 +172,8 @@ def error_map(
         if np.isfinite(value):
             red, green, blue, _ = image.cmap(scale(value))
             dark = 0.2126 * red**2.2 + 0.7152 * green**2.2 + 0.0722 * blue**2.2 < 0.179  # where white contrasts more
-            axes.text(
-                float(grid.fuel[i]),
-                float(grid.speed[j]),
-                _value(value, digits),
-                gid=TIP + _told(surface, j, i, _value(value, digits + 2)),
-                ha="center",
-                va="center_baseline",
-                fontsize=6.5,
-                color="#ffffff" if dark else "#000000",
-            )
+            text = axes.text(float(grid.fuel[i]), float(grid.speed[j]), _value(value, digits), **CENTRED, fontsize=6.5)
+            text.set(gid=TIP + _told(surface, j, i, _value(value, digits + 2)), color="#ffffff" if dark else "#000000")
     figure.colorbar(image, ax=axes, label=label, pad=0.015, extend="both" if surface.filled.any() else "neither")
     label_axes(axes, surface.axes)
     axes.set_xticks(grid.fuel[::2])
@@ -209,20 +192,15 @@ def frame(axes: Axes, u: Array, n: Array, places: Iterable[Sequence[int]], **loo
 def _hatched(u_edges: Array, n_edges: Array, filled: NDArray[np.bool_]) -> PathPatch:
     """Return the extrapolated nodes as one hatched area."""
     around = ((0, 0), (1, 0), (1, 1), (0, 1), (0, 0))
-    corners = [
-        Outline([(u_edges[i + right], n_edges[j + up]) for right, up in around], closed=True)
-        for j, i in np.argwhere(filled)
-    ]
-    outline = Outline.make_compound_path(*corners)
+    corners = ([(u_edges[i + right], n_edges[j + up]) for right, up in around] for j, i in np.argwhere(filled))
+    outline = Outline.make_compound_path(*(Outline(each, closed=True) for each in corners))
     return PathPatch(outline, fill=False, hatch="////", linewidth=0.0, edgecolor="#808080")
 
 
 def label_axes(axes: Axes, names: tuple[MapAxis, MapAxis]) -> None:
     """Write what the map's two axes are."""
-    fuel, speed = names
-    axes.set(
-        xlabel=f"{fuel.meaning} {fuel.channel} [{fuel.unit}]", ylabel=f"{speed.meaning} {speed.channel} [{speed.unit}]"
-    )
+    fuel, speed = (f"{axis.meaning} {axis.channel} [{axis.unit}]" for axis in names)
+    axes.set(xlabel=fuel, ylabel=speed)
 
 
 def edges(nodes: Array) -> Array:
@@ -233,8 +211,7 @@ def edges(nodes: Array) -> Array:
 
 def _log_scale(values: Array) -> LogNorm:
     """Return a logarithmic scale over positive values, at least one decade wide."""
-    top = float(values.max()) if values.size else 1.0
-    low = float(values.min()) if values.size else 0.1
+    low, top = (float(values.min()), float(values.max())) if values.size else (0.1, 1.0)
     return LogNorm(max(min(low, 0.1 * top), 1e-4 * top), top)
 
 
@@ -244,9 +221,66 @@ def _told(surface: SurfaceView, j: int, i: int, value: str) -> str:
     said = f"{surface.grid.fuel[i]:g} {fuel.unit}, {surface.grid.speed[j]:g} {speed.unit}: {value}"
     if surface.filled[j, i]:
         return f"{said}, extrapolated"
-    doubtful = surface.doubtful is not None and surface.doubtful[j, i]
-    return f"{said}, doubtful: few estimated neighbours and a large standard error" if doubtful else said
+    if surface.doubtful is not None and surface.doubtful[j, i]:
+        return f"{said}, doubtful: few estimated neighbours and a large standard error"
+    return said
 
 
 def _value(value: float, digits: int) -> str:
     return f"{value:z.{digits}f}".replace("-", "−")
+
+
+@drawn(3.0)
+def residuals(figure: Figure, stored: StoredEngine, kind: str) -> None:
+    """Draw what the configured engine and all other points leave of a flow, over that flow."""
+    own = [row for row in stored.rows if row.kind == kind]
+    flow, before, held_out = (
+        GRAMS * np.array([getattr(row, name) for row in own]) for name in ("reference", "before", "held_out")
+    )
+    axes = figure.subplots()
+    axes.plot(flow, before, "o", markersize=3, color=READING, label="before")
+    axes.plot(flow, held_out, "o", markersize=3, color=ESTIMATE, label="held out")
+    axes.axhline(0.0, color=INK, linewidth=0.5)
+    axes.set(xlabel=f"{kind}, reference [g/s]", ylabel="residual [g/s]")
+    axes.legend()
+
+
+@drawn(3.0)
+def component(
+    figure: Figure,
+    axes_of: Mapping[str, Nodes],
+    values: Array,
+    errors: Array,
+    errors_before: Array | None = None,
+    points: Sequence[ComponentPoint] = (),
+) -> None:
+    """Draw a correction or a learned curve with its band, that before the data, and the points that the rows show.
+
+    Over its first axis, at some nodes of the second and the middle of others, with the points nearest to each.
+    """
+    mean, error = _along(axes_of, values), _along(axes_of, errors)
+    before = None if errors_before is None else _along(axes_of, errors_before)
+    (label, nodes), *others = axes_of.items()
+    columns = np.unique(np.linspace(0, mean.shape[1] - 1, CUTS).round().astype(int))
+    at = others[0][1].values[columns] if others else np.zeros(1)
+    nearest = np.array([int(np.argmin(np.abs(at - point.across))) for point in points])
+    panes = figure.subplots(1, columns.size, sharey=True, squeeze=False)[0]
+    for number, (axes, column) in enumerate(zip(panes, columns, strict=True)):
+        line, width = mean[:, column], SURE * error[:, column]
+        axes.fill_between(nodes.values, line - width, line + width, color=ESTIMATE, alpha=0.25, linewidth=0.0)
+        axes.plot(nodes.values, line, color=ESTIMATE)
+        if before is not None:
+            for side in (-SURE, SURE):
+                axes.plot(nodes.values, side * before[:, column], ":", color=INK)
+        here = [point for point, pane in zip(points, nearest, strict=True) if pane == number]
+        axes.plot([p.along for p in here], [p.value for p in here], "o", markersize=2, color=READING)
+        axes.set_xlabel(f"{label} [{nodes.unit}]")
+        if others:
+            axes.set_title(f"{others[0][0]} = {at[number]:g} {others[0][1].unit}".removesuffix(" 1"))
+
+
+def _along(axes: Mapping[str, Nodes], values: Array) -> Array:
+    """Return values at the nodes of the first two axes, those of a third at its middle, shape (n, m)."""
+    shape = [axis.values.size for axis in axes.values()]
+    whole = values.reshape(*shape, *[1] * (3 - len(shape)))
+    return np.asarray(whole[:, :, whole.shape[2] // 2])

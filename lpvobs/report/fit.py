@@ -49,6 +49,11 @@ class ResidualFit(Output):
         return float(np.mean(np.abs(self.autocorrelation[1:]) > self.band))
 
     @property
+    def input_lags_outside(self) -> float:
+        """The largest share of the lags at which the correlation with an input leaves its band."""
+        return max(self.outside.values(), default=0.0)
+
+    @property
     def outside(self) -> dict[str, float]:
         """Share of the lags at which the correlation with each input leaves its band, the largest first."""
         shares = {name: float(np.mean(np.abs(r) > self.cross_band[name])) for name, r in self.cross.items()}
@@ -72,8 +77,7 @@ def fit_along(
     on = count > 0.5 * many
 
     def means(values: Array) -> Array:
-        total = np.bincount(place[known], values[known], minlength=count.size)
-        return np.asarray(total[on] / count[on])
+        return np.asarray(np.bincount(place[known], values[known], minlength=count.size)[on] / count[on])
 
     if (n := int(on.sum())) < LEAST:
         return None

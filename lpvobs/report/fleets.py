@@ -43,7 +43,7 @@ def change_rows(fleet: StoredFleet) -> Table:
         [
             each.vehicle,
             each.kind,
-            *(date_of(day).isoformat() for day in (each.date, each.earliest, each.latest)),
+            *map(_day, (each.date, each.earliest, each.latest)),
             *_cells(each.size, each.size_error),
         ]
         for each in fleet.found.changes
@@ -59,16 +59,16 @@ def effect_rows(fleet: StoredFleet) -> Table:
             *(each.vehicle, each.id, each.parameter),
             *(f"{size:.4g}" for size in (each.value, each.low, each.high)),
             each.unit,
-            *("" if np.isnan(day) else date_of(day).isoformat() for day in (each.absent, each.first, each.last)),
+            *map(_day, (each.absent, each.first, each.last)),
         ]
         for each in fleet.effects
     ]
 
 
 def _cells(size: Aspects, error: Aspects) -> list[str]:
-    return [
-        grams(size[0]),
-        f"+-{grams(NORMAL_90 * error[0])}",
-        f"{100 * size[1]:+z.3f}",
-        f"+-{100 * NORMAL_90 * error[1]:.3f}",
-    ]
+    level, gain = grams(NORMAL_90 * error[0]), f"{100 * NORMAL_90 * error[1]:.3f}"
+    return [grams(size[0]), f"+-{level}", f"{100 * size[1]:+z.3f}", f"+-{gain}"]
+
+
+def _day(day: float) -> str:
+    return "" if np.isnan(day) else date_of(day).isoformat()

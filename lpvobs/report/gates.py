@@ -116,9 +116,8 @@ def enforce(verdicts: Sequence[Verdict]) -> None:
 
     Raises NotProven if a gate fails, even where another could not be judged; DataError if a metric is missing.
     """
-    failed = [str(item) for item in verdicts if item.value is not None and not item.holds]
     missing = [str(item) for item in verdicts if item.value is None]
-    if failed:
+    if failed := [str(item) for item in verdicts if item.value is not None and not item.holds]:
         raise NotProven(f"gate failed: {_first_of(failed)}; estimate from more or better data, or relax the gate")
     if missing:
         raise DataError(f"gate cannot be judged: {_first_of(missing)}; provide what is missing, or remove the gate")

@@ -41,10 +41,11 @@ def metric(meaning: str, needs: str = "", unit: str = "1", words: tuple[str, ...
 
 def metrics_of(record: type) -> dict[str, Metric]:
     """Return the metrics among the fields of a record."""
-    hints = get_type_hints(record, include_extras=True)
-    found = {name: getattr(hint, "__metadata__", ()) for name, hint in hints.items()}
     return {
-        name: item.extra["metric"] for name, items in found.items() for item in items if getattr(item, "extra", None)
+        name: item.extra["metric"]
+        for name, hint in get_type_hints(record, include_extras=True).items()
+        for item in getattr(hint, "__metadata__", ())
+        if getattr(item, "extra", None)
     }
 
 
@@ -222,8 +223,7 @@ class ReportOutput(Output):
 
 def log_fields(log: LogSummary) -> dict[str, Any]:
     """Return the fields of `LogOutput` for a log of a result."""
-    metrics: dict[str, Any] = dict.fromkeys(field.name for field in fields(Metrics))
-    metrics |= {} if log.metrics is None else vars(log.metrics)
+    metrics = {field.name: getattr(log.metrics, field.name, None) for field in fields(Metrics)}
     metrics["compared_samples"] = metrics.pop("samples")
     own = vars(log) | {"log": log.name}
     return metrics | {field.name: own[field.name] for field in fields(LogOutput) if field.name in own}

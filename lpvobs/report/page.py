@@ -14,17 +14,7 @@ from lpvobs.io import templates
 from lpvobs.io.logs.finding import date_of
 from lpvobs.io.results.fleets import StoredFleet
 from lpvobs.maps.excitation import Plan, plan
-from lpvobs.report import (
-    courses,
-    discovered,
-    engine_figures,
-    engines,
-    figures,
-    fleets,
-    residual_figures,
-    spoken,
-    tables,
-)
+from lpvobs.report import courses, discovered, engines, figures, fleets, residual_figures, spoken, tables
 from lpvobs.report.content import Report, ResultView, SurfaceView
 from lpvobs.tracking.fleet import PeriodMap
 
@@ -32,7 +22,7 @@ _NOT_SHOWN = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u
 """What names from files may hold and a page may not: controls, letters that turn the direction of others, halves of letters."""
 
 KNOWN = 1e-3  # [kg/s], standard error of a type's node from which it is drawn
-ASKED = courses, discovered, engine_figures, engines, figures, fleets, residual_figures, spoken, tables
+ASKED = courses, discovered, engines, figures, fleets, residual_figures, spoken, tables
 """What the templates call by name."""
 
 
@@ -50,7 +40,6 @@ def page(report: Report) -> str:
         report=report,
         cycles=cycles,
         given=[cycle for cycle in cycles if cycle.drive is not None],
-        regions=report.regions,
         paper=paper,
         referenced=any(log.metrics is not None for _, stored in named for log in stored.logs),
         driving=[(name, view, found) for name, view, found in plans if found is not None and found.cells],

@@ -28,12 +28,14 @@ def residual_course(figure: Figure, track: Track, balances: Sequence[str], found
     """Draw the residual of every balance along a log, before and after, with onset and end of the effects, [g/s]."""
     figure.set_figheight(1.4 + 1.15 * len(balances))
     rows = np.atleast_1d(figure.subplots(len(balances), 1, sharex=True))
+    times = [effect[edge] for effect in found for edge in ("onset", "end") if effect[edge] is not None]
     for axes, balance, before, after in zip(rows, balances, track.before, track.after, strict=True):
-        for (low, high), colour, label in zip((before, after), COLOURS, LABELS, strict=True):
-            band = GRAMS * low, GRAMS * high
-            axes.fill_between(track.time, *band, color=colour, linewidth=0.0, alpha=0.75, label=label)
+        for band, colour, label in zip((before, after), COLOURS, LABELS, strict=True):
+            axes.fill_between(track.time, *(GRAMS * band), color=colour, linewidth=0.0, alpha=0.75, label=label)
         _mark_judged(axes, track)
-        _mark_effects(axes, found)
+        for number, time in enumerate(times):
+            edge = "onset, end" if number == 0 else None
+            axes.axvline(time, color=INK, linestyle="--", linewidth=1.0, label=edge)
         axes.set_ylabel(f"{balance}\n[g/s]", fontsize=7.5)
         axes.grid(visible=True)
     rows[-1].set_xlabel("time since the start of the log [s]")
@@ -52,21 +54,13 @@ def _mark_judged(axes: Axes, track: Track) -> None:
         axes.axvspan(track.time[begin], track.time[last], color=INK, alpha=0.09, linewidth=0, label=label)
 
 
-def _mark_effects(axes: Axes, found: Sequence[Mapping[str, Any]]) -> None:
-    times = [effect[edge] for effect in found for edge in ("onset", "end") if effect[edge] is not None]
-    for number, time in enumerate(times):
-        label = "onset, end" if number == 0 else None
-        axes.axvline(time, color=INK, linestyle="--", linewidth=1.0, label=label)
-
-
 @drawn(3.4)
 def component_curve(figure: Figure, surface: Mapping[str, Any]) -> None:
     """Draw the factor on a component over its first input, its second as where the factor is farthest from one, with 90 %."""
     first, second = (np.array(knots) for knots in surface["knots"])
     row = int(np.abs(second - surface["largest_at"][1]).argmin())
     factor, error = (100.0 * np.array(surface[name])[:, row] for name in ("factor", "standard_error"))
-    axes = figure.add_subplot()
-    more, half = factor - 100.0, SURE * error
+    axes, more, half = figure.add_subplot(), factor - 100.0, SURE * error
     axes.fill_between(first, more - half, more + half, color=AFTER, alpha=0.25, linewidth=0)
     label = f"{surface['inputs'][1]} = {second[row]:.3g} {surface['units'][1]}"
     axes.plot(first, more, color=AFTER, label=label)
@@ -95,14 +89,14 @@ def partial_residual(figure: Figure, seen: Partial) -> None:
     axes = figure.add_subplot()
     few: dict[str, Any] = {"color": BEFORE, "markersize": 2.0, "alpha": 0.5, "label": "some instants"}
     axes.plot(seen.regressor, seen.residual, ".", **few, rasterized=True)
-    reach = np.array([seen.binned[0].min(), seen.binned[0].max()])
-    axes.plot(reach, reach, color=INK, linestyle="--", label="effect with its estimated size")
     mean, residual, error = seen.binned
+    reach = mean.min(), mean.max()
+    axes.plot(reach, reach, color=INK, linestyle="--", label="effect with its estimated size")
     axes.errorbar(mean, residual, SURE * error, fmt="o", color=AFTER, markersize=3.5, label="means over all instants")
     spread = float(np.quantile(np.abs(seen.residual), 0.995)) if seen.residual.size else 1.0
     axes.set_ylim(min(-spread, residual.min()) * 1.05, max(spread, residual.max()) * 1.05)
-    axes.set_xlabel(f"prediction of {label_of(seen.id)} [noise standard deviations]")
-    axes.set_ylabel("residual without the effect")
+    about = f"prediction of {label_of(seen.id)} [noise standard deviations]"
+    axes.set(xlabel=about, ylabel="residual without the effect")
     axes.grid(visible=True)
     axes.legend(loc="upper left")
 
@@ -141,26 +135,30 @@ def periodograms(figure: Figure, seen: Portrait, structure: Mapping[str, Whitene
 
 def _panels(figure: Figure, balances: Sequence[str], **labels: str) -> Iterator[tuple[int, Axes]]:
     """Yield the number and the small panel of every balance, to be drawn in."""
-    columns = 2
-    panels = np.atleast_1d(figure.subplots(-(-len(balances) // columns), columns, sharex=True)).ravel()
+    panels = _grid(figure, len(balances), 2, sharex=True)
     for b, balance in enumerate(balances):
         yield b, panels[b]
         panels[b].set(title=balance, **labels)
         panels[b].grid(visible=True)
-    for spare in panels[len(balances) :]:
-        spare.set_visible(False)
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper left", ncols=3)
+
+
+def _grid(figure: Figure, count: int, columns: int, sharex: bool = False) -> Sequence[Axes]:
+    """Return so many panels in rows of so many; the places that are left over stay empty."""
+    panels = figure.subplots(-(-count // columns), columns, sharex=sharex, squeeze=False).ravel()
+    for spare in panels[count:]:
+        spare.set_visible(False)
+    return list(panels[:count])
 
 
 @drawn()
 def resid_panels(figure: Figure, seen: ResidualFit) -> None:
     """Draw the autocorrelation of a residual, and its correlation with each input at lags of either sign, with 99 % bands."""
-    columns = 4
-    figure.set_figheight(1.1 + 1.05 * -(-(1 + len(seen.cross)) // columns))
-    panels = figure.subplots(-(-(1 + len(seen.cross)) // columns), columns).ravel()
     drawn_in = [("itself", np.array(seen.autocorrelation), 0, seen.band)]
     drawn_in += [(name, np.array(seen.cross[name]), -LAGS_99, seen.cross_band[name]) for name in seen.outside]
-    for axes, (name, values, first, band) in zip(panels, drawn_in, strict=False):
+    figure.set_figheight(1.1 + 1.05 * -(-len(drawn_in) // 4))
+    panels = _grid(figure, len(drawn_in), 4)
+    for axes, (name, values, first, band) in zip(panels, drawn_in, strict=True):
         lag = np.arange(first, LAGS_99 + 1)
         axes.axhspan(-band, band, **WHITE | {"label": "99 % band of independent noise"})
         axes.vlines(lag, 0.0, values, color=AFTER, linewidth=1.2)
@@ -169,8 +167,6 @@ def resid_panels(figure: Figure, seen: ResidualFit) -> None:
         axes.tick_params(labelsize=6.5)
         if first:
             axes.set_ylim(*np.clip([min(values.min(), -band) * 1.3, max(values.max(), band) * 1.3], -1.05, 1.05))
-    for spare in panels[len(drawn_in) :]:
-        spare.set_visible(False)
     figure.supxlabel(f"delay of the residual behind the input, in lags of {seen.step:.3g} s", fontsize=8.0)
 
 

@@ -57,10 +57,10 @@ def with_interval(value: float, low: float, high: float) -> tuple[str, str, str]
     last = math.floor(math.log10(half)) - 1
     largest = max(abs(value), abs(low), abs(high))
     if largest < 1e-3 or largest >= 1e6:
-        digits = max(math.floor(math.log10(largest)) - last, 0)
-        return f"{value:.{digits}e}", f"{low:.{digits}e}", f"{high:.{digits}e}"
-    digits = max(-last, 0)
-    return f"{value:z.{digits}f}", f"{low:z.{digits}f}", f"{high:z.{digits}f}"
+        shown = f".{max(math.floor(math.log10(largest)) - last, 0)}e"
+    else:
+        shown = f"z.{max(-last, 0)}f"
+    return format(value, shown), format(low, shown), format(high, shown)
 
 
 def chance(p: float | None) -> str:
@@ -101,21 +101,23 @@ def headline(
     on = np.flatnonzero(supported)
     if not on.size:
         return "the logs inform no node of the map"
+    values = theta.ravel()
     weights = driven[0][None] if driven else np.where(supported.ravel(), 1.0 / on.size, 0.0)[None]
     sure = bool(np.isfinite(covariance[np.ix_(on, on)]).all())
-    mean = combined(weights, theta.ravel(), covariance) if sure else None
-    value = float(weights[0, on] @ theta.ravel()[on])
-    shown, low, high = f"{1e3 * value:.2g}", "", ""
-    if mean is not None:
-        shown, low, high = with_interval(*(1e3 * float(x) for x in (value, *mean.ci90[0])))
-    side = "high" if value > 0.0 else "low"
-    share = f"{abs(100.0 * value / driven[1]):.2g} % {side}, " if driven and driven[1] > 0.0 else ""
-    worst = int(on[np.argmax(np.abs(theta.ravel()[on]))])
+    mean = float(weights[0, on] @ values[on])
+    shown, interval = f"{1e3 * mean:.2g}", ""
+    if sure:
+        ends = combined(weights, values, covariance).ci90[0]
+        shown, low, high = with_interval(*(1e3 * float(x) for x in (mean, *ends)))
+        interval = f" (90 %: {low} to {high})"
+    side = "high" if mean > 0.0 else "low"
+    share = f"{abs(100.0 * mean / driven[1]):.2g} % {side}, " if driven and driven[1] > 0.0 else ""
+    worst = int(on[np.argmax(np.abs(values[on]))])
     row, column = np.unravel_index(worst, grid.shape)
-    place = ", ".join(spelled(x, axis) for x, axis in ((grid.speed[row], axes[1]), (grid.fuel[column], axes[0])))
+    place = f"{spelled(grid.speed[row], axes[1])}, {spelled(grid.fuel[column], axes[0])}"
     said = [
-        f"the sensor reads {share}{shown} g/s on average" + (f" (90 %: {low} to {high})" if mean else ""),
-        f"largest error {1e3 * theta.ravel()[worst]:+.2g} g/s at {place}",
+        f"the sensor reads {share}{shown} g/s on average{interval}",
+        f"largest error {1e3 * values[worst]:+.2g} g/s at {place}",
     ]
     if sure:
         known = 1e3 * NORMAL_90 * float(np.median(np.sqrt(np.diag(covariance)[on])))
@@ -144,9 +146,8 @@ def _what(effect: Mapping[str, Any]) -> str:
     if "formula" in effect:
         return f"{effect['formula']} ({_plain('coefficient', effect['parameters']['coefficient'])})"
     of, _, kind = name.partition(".")
-    parameters = effect["parameters"]
+    parameters, kinds = effect["parameters"], PHRASES["kind"]
     unit = next(iter(parameters.values()))["unit"]
-    kinds = PHRASES["kind"]
     phrase = PHRASES["identifier"].get(name) or kinds.get(kind) or kinds.get(f"{kind} {unit}")
     if phrase is None or len(parameters) != 1:
         return f"effect {name} acts with {', '.join(_plain(key, value) for key, value in parameters.items())}"
@@ -156,19 +157,10 @@ def _what(effect: Mapping[str, Any]) -> str:
     value, low, high = with_interval(sizes[0], min(sizes[1:]), max(sizes[1:]))
     words = re.sub(r"\[(.*?)\|(.*?)\]", r"\1" if sign > 0.0 else r"\2", phrase.words)
     said = words.format(value, name="the MAF" if of == "maf" else of)
-    return f"{said}{_around(effect)} (90 %: {low} to {high})"
-
-
-def _around(effect: Mapping[str, Any]) -> str:
-    """Return where the curve of a component is largest."""
-    if "surface" not in effect:
-        return ""
-    own = effect["surface"]
-    there = (
-        f"{name} = {x:.3g} {unit}".removesuffix(" 1")
-        for name, x, unit in zip(own["inputs"], own["largest_at"], own["units"], strict=True)
-    )
-    return f" around {', '.join(there)}"
+    if curve := effect.get("surface"):
+        where = zip(curve["inputs"], curve["largest_at"], curve["units"], strict=True)
+        said += " around " + ", ".join(f"{name} = {x:.3g} {unit}".removesuffix(" 1") for name, x, unit in where)
+    return f"{said} (90 %: {low} to {high})"
 
 
 def _plain(name: str, parameter: Mapping[str, Any]) -> str:
@@ -221,7 +213,7 @@ def method_title(method: str) -> str:
 
 def paper_error(air_path: str, log: str) -> float | None:
     """Return the mean relative error that is printed for the engine and the cycle that a log is named after, or None."""
-    printed = ENGINES[air_path].published if air_path in ENGINES else None
+    printed = ENGINES[air_path].published
     return None if printed is None else printed.errors.get(_cycle_of(log) or "")
 
 

@@ -13,7 +13,7 @@ from lpvobs.io.results.surfaces import ORIGINS, Surface
 from lpvobs.maps.quadratic import COEFFICIENTS
 from lpvobs.observer.disagreement import Agreement
 from lpvobs.report.fit import ResidualFit
-from lpvobs.report.outputs import RegionMean, log_fields
+from lpvobs.report.outputs import RegionMean
 from lpvobs.report.spoken import cycle_title, paper_error
 
 Table = tuple[list[str], list[list[str]]]
@@ -41,21 +41,19 @@ def region_line(mean: RegionMean) -> str:
 
 def log_rows(logs: Sequence[LogSummary]) -> Table:
     """Return one row per log: samples, metrics and the share that the certificate covers."""
-    header = ["log", "samples", "dropped", "gaps", "mean rel. error", *METRIC_COLUMNS]
-    counts = ("samples", "dropped_rows", "gaps")
-    rows = [[cycle_title(log.name), *(str(getattr(log, name)) for name in counts), *_metric_cells(log)] for log in logs]
-    return header, rows
+    return ["log", "samples", "dropped", "gaps", "mean rel. error", *METRIC_COLUMNS], [
+        [cycle_title(log.name), str(log.samples), str(log.dropped_rows), str(log.gaps), *_metric_cells(log)]
+        for log in logs
+    ]
 
 
 def _metric_cells(log: LogSummary) -> list[str]:
     """Return the mean relative error of a log and what METRIC_COLUMNS name."""
-    known = log_fields(log)
-    return [
-        *(percent(known[name]) for name in ("mean_relative_error", "floor_mean_relative_error", "rms_ratio")),
-        *(grams(known[name]) for name in ("rmse", "bias")),
-        NONE if known["visited_cells"] is None else str(known["visited_cells"]),
-        percent(log.share_certified, 1),
-    ]
+    certified, known = percent(log.share_certified, 1), log.metrics
+    if known is None:
+        return [NONE] * 6 + [certified]
+    shares = map(percent, (known.mean_relative_error, known.floor_mean_relative_error, known.rms_ratio))
+    return [*shares, grams(known.rmse), grams(known.bias), str(known.visited_cells), certified]
 
 
 def told(table: Table) -> Table:
@@ -89,8 +87,8 @@ def agreement_rows(logs: Sequence[Agreement]) -> Table:
     for log in logs:
         cells = [NONE] * 3
         if log.nodes:
-            apart = f"{log.deviation:+.1f} sd", f"{1e3 * log.mean_difference:+.3f}"
-            cells = [f"{log.chi_square / log.nodes:.2f}", *apart]
+            difference = f"{1e3 * log.mean_difference:+.3f}"
+            cells = [f"{log.chi_square / log.nodes:.2f}", f"{log.deviation:+.1f} sd", difference]
         rows.append([cycle_title(log.name), str(log.nodes), *cells, "yes" if log.disagrees else "no"])
     return header, rows
 
@@ -123,9 +121,10 @@ def coefficient_tables(results: Sequence[tuple[str, StoredResult]], paper: bool 
     for air_path in dict.fromkeys(kind for _, kind, _ in filled):
         kind = ENGINES[air_path]
         rows = []
-        for name, fitted in [(name, fitted) for name, own, fitted in filled if own == air_path]:
-            rows.append([name, *(f"{value:.4g}" for value in fitted.coefficients)])
-            rows.append(["  standard error", *(f"{value:.2g}" for value in fitted.standard_error)])
+        for name, own, fitted in filled:
+            if own == air_path:
+                rows.append([name, *(f"{value:.4g}" for value in fitted.coefficients)])
+                rows.append(["  standard error", *(f"{value:.2g}" for value in fitted.standard_error)])
         printed = kind.published.surfaces if paper and kind.published is not None else {}
         rows += [[f"paper, {name}", *(f"{value:.4g}" for value in values)] for name, values in printed.items()]
         axes = ", ".join(f"{axis.channel} [{axis.unit}]" for axis in kind.air_path.axes)
@@ -138,7 +137,6 @@ def bounds_table(gain: StoredGain, logs: Sequence[LogSummary] = (), paper: bool 
     # `logs` are those of a result; the logs that the gain's region was drawn from come first.
     kind, region, names = ENGINES.get(gain.air_path), gain.gain.region, gain.gain.region.names
     printed = kind.published.bounds if paper and kind and kind.published else {}
-    header = ["", *names]
     rows = [
         [f"paper, {column}", *(_range(low, high) for low, high in bounds), *[NONE] * (len(names) - len(bounds))]
         for column, bounds in printed.items()
@@ -147,19 +145,18 @@ def bounds_table(gain: StoredGain, logs: Sequence[LogSummary] = (), paper: bool 
     ranges |= {log.name: np.stack([log.lower, log.upper]) for log in logs if log.lower.size == len(names)}
     rows += [[cycle_title(log), *map(_range, lower, upper)] for log, (lower, upper) in ranges.items()]
     rows.append(["proven", *map(_range, region.lower, region.upper)])
-    return header, rows
+    return ["", *names], rows
 
 
 def report_rows(results: Sequence[tuple[str, StoredResult]]) -> Table:
     """Return one row per result and log: the metrics, with the paper's mean relative error beside those of its cycles."""
-    header = ["result", "method", "log", "samples", "mean rel. error", "paper", *METRIC_COLUMNS]
     rows = []
     for name, result in results:
         for log in result.logs:
             error, *others = _metric_cells(log)
             printed = percent(paper_error(result.air_path, log.name))
             rows.append([name, result.method, cycle_title(log.name), str(log.samples), error, printed, *others])
-    return header, rows
+    return ["result", "method", "log", "samples", "mean rel. error", "paper", *METRIC_COLUMNS], rows
 
 
 def gain_line(gain: StoredGain) -> str:
@@ -173,32 +170,24 @@ def gain_line(gain: StoredGain) -> str:
 
 def state_bound_table(gain: StoredGain) -> Table:
     """Return how large the error of each state can be for each unit of what disturbs it; no rows where nothing is proven."""
-    bound = gain.gain.bound
-    header = ["largest error per", *(f"unit of {name}" for name in gain.outputs)]
-    header += [f"{name} per s" for name in gain.states]
-    if bound is None:
-        return header, []
-    rows = np.hstack([bound.of_outputs[:, :-1], bound.of_rates])
-    return header, [[state, *(f"{value:.3g}" for value in row)] for state, row in zip(gain.states, rows, strict=True)]
+    bound, units = gain.gain.bound, [f"unit of {name}" for name in gain.outputs]
+    errors = (
+        () if bound is None else zip(gain.states, np.hstack([bound.of_outputs[:, :-1], bound.of_rates]), strict=True)
+    )
+    rows = [[state, *(f"{value:.3g}" for value in row)] for state, row in errors]
+    return ["largest error per", *units, *(f"{name} per s" for name in gain.states)], rows
 
 
 def ingest_rows(record: Mapping[str, Any]) -> Table:
     """Return header and rows of what `ingest` did: one row per channel."""
     header = ["channel", "source", "source unit", "unit", "rate [Hz]", "rule", "bridged", "no value", "repairs"]
-    rows = [
-        [
-            name,
-            item["source"] if len(record["sources"]) == 1 else f"{item['file']}: {item['source']}",
-            item["unit_read_as"],
-            item["unit"],
-            NONE if item["rate"] is None else f"{item['rate']:.4g}",
-            item["rule"],
-            str(item["bridged"]),
-            str(item["without_value"]),
-            "; ".join(f"{key} {value}" for key, value in item["repairs"].items()) or "-",
-        ]
-        for name, item in record["channels"].items()
-    ]
+    rows = []
+    for name, item in record["channels"].items():
+        source = item["source"] if len(record["sources"]) == 1 else f"{item['file']}: {item['source']}"
+        rate = NONE if item["rate"] is None else f"{item['rate']:.4g}"
+        counts = rate, item["rule"], str(item["bridged"]), str(item["without_value"])
+        repairs = "; ".join(f"{key} {value}" for key, value in item["repairs"].items()) or NONE
+        rows.append([name, source, item["unit_read_as"], item["unit"], *counts, repairs])
     return header, rows
 
 
@@ -227,11 +216,10 @@ def change_rows(surface: Surface, changed: Sequence[Change]) -> Table:
     flow = surface.unit == "kg/s"
     header += [f"{name} [{'g/s' if flow else surface.unit}]" for name in ("old", "new", "change")] + ["origin"]
     told = grams if flow else "{:.5g}".format
-    rows = [
+    return header, [
         [f"{item.x:g}", f"{item.y:g}", told(item.old), told(item.new), told(item.new - item.old), item.origin]
         for item in changed
     ]
-    return header, rows
 
 
 def origin_counts(surface: Surface) -> dict[str, int]:

@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 from scipy.io import savemat
 
 from lpvobs.errors import DataError
-from lpvobs.ingest.drafting import draft_profile
+from lpvobs.ingest.drafting import csv_layout, draft_profile, guess, known_channels
 from lpvobs.ingest.foreign import ingest
-from lpvobs.ingest.guesses import csv_layout, guess, known_channels, polled
 from lpvobs.ingest.profiles import profile_of
 from lpvobs.ingest.recordings import Head
+from lpvobs.ingest.repairs import polled
 
 
 def write(path, header, rows, delimiter=","):

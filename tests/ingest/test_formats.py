@@ -9,7 +9,8 @@ from scipy.io import savemat
 
 from lpvobs.errors import DataError
 from lpvobs.ingest import recordings
-from lpvobs.ingest.foreign import ingest, sniff
+from lpvobs.ingest.foreign import ingest
+from lpvobs.ingest.formats import sniff
 from lpvobs.ingest.profiles import profile_of
 
 PROFILE = """

@@ -14,13 +14,12 @@ import pytest
 
 from lpvobs.api.ingest_log import ingest_log
 from lpvobs.errors import DataError
-from lpvobs.ingest import recording_apart, recordings
+from lpvobs.ingest import formats, recordings
 from lpvobs.ingest.drafting import draft_profile
 from lpvobs.ingest.foreign import ingest
-from lpvobs.ingest.mdf_reader import expect_arithmetic
+from lpvobs.ingest.formats import open_csv, open_mat, open_mdf
 from lpvobs.ingest.profiles import SourceRules, profile_of
-from lpvobs.ingest.recording_apart import open_mat, open_mdf
-from lpvobs.ingest.recording_table import open_csv
+from lpvobs.ingest.reader import expect_arithmetic
 from lpvobs.ingest.repairs import stamps
 from lpvobs.io.safety import sandbox
 
@@ -288,15 +287,13 @@ def test_a_formula_that_is_no_arithmetic(formula):
 
 
 def test_a_reader_that_comes_to_no_end_is_stopped(mdf, monkeypatch):
-    monkeypatch.setattr(
-        recording_apart, "SECONDS", 1
-    )  # of computing; powers of powers would take longer than the universe
+    monkeypatch.setattr(formats, "SECONDS", 1)  # of computing; powers of powers would take longer than the universe
     with pytest.raises(DataError, match="takes too long"):
         open_mdf(mdf("9**9**9**9**9*X"), RULES).read(["p"])
 
 
 def test_a_reader_that_wants_too_much_memory_is_stopped(tmp_path, mdf, monkeypatch):
-    monkeypatch.setattr(recording_apart, "BYTES", 100 << 20)  # less than its libraries take
+    monkeypatch.setattr(formats, "BYTES", 100 << 20)  # less than its libraries take
     with pytest.raises(DataError, match="not a readable MDF file"):
         open_mdf(mdf(""), RULES)
     with pytest.raises(DataError, match="not a readable MAT file"):

@@ -9,8 +9,8 @@ from robust.foreign import mat_seeds, mutate_mat
 from scipy.io import savemat
 
 from lpvobs.errors import DataError
+from lpvobs.ingest.formats import open_mat
 from lpvobs.ingest.profiles import SourceRules
-from lpvobs.ingest.recording_apart import open_mat
 
 RULES = SourceRules()
 KINDS = ("i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8", "f4", "f8")

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from lpvobs.errors import UsageError
-from lpvobs.ingest.drafting import _sure, _told, draft_profile
-from lpvobs.ingest.guesses import guess, known_channels, own_names
+from lpvobs.ingest.drafting import _sure, _told, draft_profile, guess, known_channels, own_names
 from lpvobs.ingest.recordings import Head, split_unit
 
 USUAL = {

@@ -1,24 +1,39 @@
-"""CSV and Parquet files of other tools: units in brackets behind the names, in a line of their own, or in metadata."""
+"""The formats of foreign recordings, and how a file of each is opened: CSV, Parquet, MAT and MDF.
+
+CSV and Parquet have units in brackets behind the names, in a line of their own, or in metadata. The libraries for MAT and MDF are
+made for files that one trusts: a damaged one may crash them, keep them busy for ever or let them fill the memory. So they run in a
+process of their own, within limits; `lpvobs.ingest.reader` says what the two tell each other.
+"""
 
 import codecs
 import csv
+import io
+import json
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from lpvobs.errors import DataError
+from lpvobs.errors import DataError, UsageError
 from lpvobs.ingest import recordings
 from lpvobs.ingest.profiles import SourceRules
 from lpvobs.ingest.recordings import Column, ForeignRecording, Head
 from lpvobs.io.arrow import pa, pq
+from lpvobs.io.safety.sandbox import answer
 
 LONGEST_LINE = 1 << 20
 ANY_BYTE = "latin-1"
 MOST_LISTED = 1_000_000  # lines with a wrong number of fields, after which no more are looked at
 MOST_BROKEN = 0.01  # share of the lines that may have a wrong number of fields; more is another layout
+SECONDS, BYTES = 6, 2 << 30  # what a library may take for a small file: computing and memory
+PER_SECOND = 4 << 20  # [bytes] of a file for which it may compute a second longer
+MDF_MAGIC = (b"MDF     ", b"UnFinMF ")
+ARCHIVES = (".zip", ".mf4z", ".gzip", ".gz", ".bz2")
+REMEDIES = {"MAT": "save it again in MATLAB with -v7 or -v7.3", "MDF": "record or export it again"}
+"""What to do with a file that the library cannot read."""
 
 
 @dataclass(frozen=True)
@@ -32,13 +47,11 @@ class CsvRecording(ForeignRecording):
         """Return columns as text, empty where the file has nothing; lines that were cut off are left out and noted."""
         from pyarrow import csv as arrow
 
-        head, size = max(self.rules.header_row, self.rules.unit_row), self.path.stat().st_size
+        head = max(self.rules.header_row, self.rules.unit_row)
         lines, quotes, decodes = _survey(self.path, self.encoding)
-        recordings.check_samples(self.path, [lines] * len(names), 2.0 * size)
+        recordings.check_samples(self.path, [lines] * len(names), 2.0 * self.path.stat().st_size)
         encoding = self.encoding if decodes else ANY_BYTE
         self.notes.update(_read_as(self.encoding, encoding))
-        order = list(self.heads)
-        keys = [str(order.index(name)) for name in names]
         broken: list[int] = []
 
         def skip(row: Any) -> str:
@@ -53,12 +66,12 @@ class CsvRecording(ForeignRecording):
                     arrow.ReadOptions(
                         use_threads=False,
                         skip_rows=head,
-                        column_names=[str(number) for number in range(len(order))],
+                        column_names=list(self.heads),
                         encoding=encoding,
                     ),
                     arrow.ParseOptions(delimiter=self.rules.delimiter, invalid_row_handler=skip),
                     arrow.ConvertOptions(
-                        include_columns=keys, column_types=dict.fromkeys(keys, pa.string()), strings_can_be_null=False
+                        include_columns=names, column_types=dict.fromkeys(names, pa.string()), strings_can_be_null=False
                     ),
                 )
         except (pa.ArrowException, OSError, ValueError, LookupError) as error:
@@ -70,13 +83,13 @@ class CsvRecording(ForeignRecording):
         if broken and (self.rules.polled or (len(broken) > 1 and len(broken) > MOST_BROKEN * table.num_rows)):
             raise DataError(
                 f"{self.path}: {len(broken)} of {rows} lines have a wrong number of fields (the first has "
-                f"{broken[0]} fields), expected {len(order)}; check the delimiter, or export the file again"
+                f"{broken[0]} fields), expected {len(self.heads)}; check the delimiter, or export the file again"
             )
         if broken:
             self.notes["broken_lines"] = f"{len(broken)} lines with a wrong number of fields were left out"
         if quotes:
             _refuse_open_quote(self.path, rows, head)
-        return {name: Column(table.column(key)) for name, key in zip(names, keys, strict=True)}
+        return {name: Column(table.column(name)) for name in names}
 
 
 def _survey(path: Path, encoding: str) -> tuple[int, bool, bool]:
@@ -148,7 +161,7 @@ def _first_lines(path: Path, count: int) -> list[bytes]:
 
 def _decoded(path: Path, lines: list[bytes], encoding: str) -> tuple[str, list[str]]:
     """Return the encoding that the header is in, and its lines; what is not UTF-8 is taken for Latin-1."""
-    for candidate in dict.fromkeys((encoding, ANY_BYTE if encoding == "utf-8" else encoding)):
+    for candidate in ("utf-8", ANY_BYTE) if encoding == "utf-8" else (encoding,):
         try:
             return candidate, [line.decode(candidate).lstrip("\ufeff") for line in lines]
         except (ValueError, LookupError):  # also of codecs that are none of text
@@ -182,20 +195,18 @@ def open_parquet(path: Path, rules: SourceRules) -> ParquetRecording:
     """Return a Parquet file with the names and units of its flat columns."""
     with _parquet(path) as file:
         schema, metadata = file.schema_arrow, file.metadata
-        sizes = dict.fromkeys(schema.names, 0)
+        sizes = Counter[str]()
         for number in range(metadata.num_row_groups):
             group = metadata.row_group(number)
-            for place in range(group.num_columns):
-                chunk = group.column(place)
-                sizes[chunk.path_in_schema] = sizes.get(chunk.path_in_schema, 0) + chunk.total_uncompressed_size
-        rows = metadata.num_rows
+            for chunk in map(group.column, range(group.num_columns)):
+                sizes[chunk.path_in_schema] += chunk.total_uncompressed_size
     heads, often = {}, Counter(schema.names)
     for item in schema:
         if not pa.types.is_nested(item.type) and often[item.name] == 1:
             name, inside = recordings.split_unit(item.name)
             said = item.metadata or {}
             stored = (said.get(b"unit") or said.get(b"units") or b"").decode(errors="replace").strip()
-            heads[item.name] = Head(name, stored or inside, rows)
+            heads[item.name] = Head(name, stored or inside, metadata.num_rows)
     return ParquetRecording(path, heads, sizes)
 
 
@@ -209,3 +220,96 @@ def _parquet(path: Path) -> Iterator["pq.ParquetFile"]:
         raise DataError(
             f"{path}: not a readable Parquet file ({recordings.one_line(error)}); export it again"
         ) from None
+
+
+@dataclass(frozen=True)
+class ApartRecording(ForeignRecording):
+    """A file that another process reads."""
+
+    kind: str
+
+    def read(self, names: Sequence[str]) -> Mapping[str, Column]:
+        """Return columns as they are stored; those of MDF in physical values, with their own stamps, empty where marked invalid."""
+        recordings.check_samples(self.path, [self.heads[name].size for name in names])
+        tables = _asked(self.path, self.kind, names, self.notes)
+        return {
+            name: Column(table["values"], table["time"].to_numpy() if table.num_columns > 1 else None)
+            for name, table in zip(names, tables, strict=True)
+        }
+
+
+def open_mat(path: Path, rules: SourceRules) -> ApartRecording:
+    """Return a MAT file with the names, units and lengths of its numeric vectors; structures become dotted names."""
+    return _opened(path, "MAT")
+
+
+def open_mdf(path: Path, rules: SourceRules) -> ApartRecording:
+    """Return an MDF file with its channels; a name that several groups have is called group:name."""
+    if find_spec("asammdf") is None:
+        raise UsageError(
+            f"{path}: MDF needs the library asammdf, which is not installed; install it with: pip install 'lpvobs[mdf]'"
+        )
+    with recordings.opened(path) as stream:
+        magic = stream.read(8)
+    if magic not in MDF_MAGIC:  # the library would unpack it
+        raise DataError(
+            f"{path}: does not begin like an MDF file; unpack the file if it is packed, or delete format in the profile's [source]"
+        )
+    if path.suffix.lower() in ARCHIVES:  # the library would take it for its own copy of an archive, and delete it
+        raise DataError(f"{path}: is an MDF file, but its name ends like that of an archive; rename it to .mf4")
+    return _opened(path, "MDF")
+
+
+def _opened(path: Path, kind: str) -> ApartRecording:
+    notes: dict[str, str] = {}
+    heads = {column.pop("full"): Head(**column) for column in _asked(path, kind, None, notes)}
+    return ApartRecording(path, heads, kind, notes=notes)
+
+
+def _asked(path: Path, kind: str, wanted: Sequence[str] | None, notes: dict[str, str]) -> Iterator[Any]:
+    """Yield what the reading process says of every column, or tables of the wanted ones; keep its notes."""
+    size, asked = path.stat().st_size, json.dumps([kind, wanted])
+    said = io.BytesIO(answer("lpvobs.ingest.reader", path, SECONDS + size // PER_SECOND, BYTES + size, asked))
+    reason = "the library that reads it fails, or takes too long"
+    try:
+        for line in said:
+            content = json.loads(line)
+            if "notes" in content:
+                notes.update(content["notes"])
+                return
+            if "error" in content:
+                reason = content["error"]
+                break
+            yield content if wanted is None else pa.ipc.open_stream(said).read_all()
+    except (ValueError, pa.ArrowException):  # it ended in the middle of what it had to say
+        pass
+    raise DataError(f"{path}: not a readable {kind} file ({reason}); {REMEDIES[kind]}")
+
+
+OPENERS = {"csv": open_csv, "parquet": open_parquet, "mat": open_mat, "mdf": open_mdf}
+
+
+def open_recording(path: Path, rules: SourceRules) -> ForeignRecording:
+    """Return a foreign file, opened by its format: the profile's, or that of its first bytes; raises DataError if it cannot be."""
+    found = sniff(path)
+    recording = OPENERS[rules.format or found](path, rules)
+    if len(recording.heads) > recordings.MOST_COLUMNS:
+        raise DataError(
+            f"{path}: has {len(recording.heads)} columns, expected {recordings.MOST_COLUMNS} at most; export fewer"
+        )
+    return recording
+
+
+def sniff(path: Path) -> str:
+    """Return the format of a file by its first bytes; what no other format begins with is taken for CSV."""
+    if not path.is_file():
+        raise DataError(f"{path}: no such recording; name a CSV, Parquet, MAT or MDF4 file")
+    with recordings.opened(path) as stream:
+        first = stream.read(8)
+    if first[:4] == b"PAR1":
+        return "parquet"
+    if first[:8] in MDF_MAGIC:
+        return "mdf"
+    if first[:6] == b"MATLAB" or first[:8] == b"\x89HDF\r\n\x1a\n":
+        return "mat"
+    return "csv"
