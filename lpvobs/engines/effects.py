@@ -51,16 +51,13 @@ class Signals:
         """Return the other signals in some columns, shape (C,), and these elsewhere."""
         if on.all():
             return other
-        return replace(
-            self,
-            value=_where(on, other.value, self.value),
-            rate=_where(on, other.rate, self.rate),
-            lacks=self.lacks if other.lacks is self.lacks else np.where(on, other.lacks, self.lacks),
-        )
 
+        def mixed(there: Array, here: Array) -> Array:
+            return here if there is here else np.where(on, there, here)
 
-def _where(on: NDArray[np.bool_], there: Mapping[str, Array], here: Mapping[str, Array]) -> Mapping[str, Array]:
-    return {name: x if there[name] is x else np.where(on, there[name], x) for name, x in here.items()}
+        value = {name: mixed(other.value[name], x) for name, x in self.value.items()}
+        rate = {name: mixed(other.rate[name], x) for name, x in self.rate.items()}
+        return replace(self, value=value, rate=rate, lacks=mixed(other.lacks, self.lacks))
 
 
 Change = Callable[[Signals, Any], Signals]

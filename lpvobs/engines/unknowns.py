@@ -58,6 +58,15 @@ class Component:
         return total
 
 
+def places_of(components: Sequence[Component], begin: int = 0) -> dict[str, slice]:
+    """Return where the values of each component stand, one after the other."""
+    found = {}
+    for component in components:
+        found[component.name] = slice(begin, begin + component.size)
+        begin += component.size
+    return found
+
+
 @dataclass(frozen=True)
 class Correction:
     """How a component's correction moves a balance at n places."""
@@ -199,11 +208,7 @@ class Unknowns:
 
     def places(self) -> dict[str, slice]:
         """Return where the values of each component stand."""
-        found, begin = {}, len(self.constants)
-        for component in self.components:
-            found[component.name] = slice(begin, begin + component.size)
-            begin += component.size
-        return found
+        return places_of(self.components, len(self.constants))
 
     def groups(self) -> tuple[str, ...]:
         """Return the groups whose amplitude is found from the data."""
@@ -241,21 +246,15 @@ def loop_unknowns(
     tolerance: Mapping[str, float], known: Unknowns | None, volumes: Collection[str] = ()
 ) -> LoopUnknowns:
     """Return constants within a tolerance, as if uniform, or as a calibration knows them, with the corrections of components."""
-    found = _loop_unknowns(tolerance, known)
-    most = [VOLUME / np.sqrt(3.0) if name in volumes else np.inf for name in found.names]
-    share = np.minimum(1.0, most / np.sqrt(np.maximum(np.diag(found.covariance), np.finfo(float).tiny)))
-    return replace(found, covariance=found.covariance * np.outer(share, share))
-
-
-def _loop_unknowns(tolerance: Mapping[str, float], known: Unknowns | None) -> LoopUnknowns:
-    if known is None:
-        return LoopUnknowns(tuple(tolerance), _uniform(tolerance), np.zeros(0), np.zeros((0, 0)))
+    known = known or Unknowns((), (), np.zeros(0), np.zeros((0, 0)))
     n = len(known.constants)
     others = {name: share for name, share in tolerance.items() if name not in known.constants}
     seen = np.concatenate([1.0 + known.mean[:n], np.ones(known.reduction.shape[1] - n)])
     own = known.reduced(known.covariance) / np.outer(seen, seen)
-    covariance = scipy.linalg.block_diag(_uniform(others), own)
-    return LoopUnknowns((*others, *known.coordinates), covariance, known.mean[n:], known.reduction[n:, n:])
+    names, covariance = (*others, *known.coordinates), scipy.linalg.block_diag(_uniform(others), own)
+    most = [VOLUME / np.sqrt(3.0) if name in volumes else np.inf for name in names]
+    share = np.minimum(1.0, most / np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny)))
+    return LoopUnknowns(names, covariance * np.outer(share, share), known.mean[n:], known.reduction[n:, n:])
 
 
 def _uniform(tolerance: Mapping[str, float]) -> Array:
@@ -264,12 +263,6 @@ def _uniform(tolerance: Mapping[str, float]) -> Array:
 
 def unknowns_of(tolerance: Mapping[str, float], components: Sequence[Component]) -> Unknowns:
     """Return the unknowns before any data: constants as if uniform within their tolerance, corrections of mean zero."""
-    constants = tuple(tolerance)
-    size = len(constants) + sum(component.size for component in components)
-    covariance = np.zeros((size, size))
-    np.fill_diagonal(covariance[: len(constants), : len(constants)], np.array(list(tolerance.values())) ** 2 / 3.0)
-    found = Unknowns(constants, tuple(components), np.zeros(size), covariance)
-    for component in components:
-        own = found.places()[component.name]
-        covariance[own, own] = component.deviation**2 * component.correlation()
-    return found
+    own = (component.deviation**2 * component.correlation() for component in components)
+    covariance = scipy.linalg.block_diag(_uniform(tolerance), *own)
+    return Unknowns(tuple(tolerance), tuple(components), np.zeros(len(covariance)), covariance)

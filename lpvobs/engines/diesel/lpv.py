@@ -13,7 +13,7 @@ import numpy as np
 
 from lpvobs.compiled import njit
 from lpvobs.engines.base import SPEED_AXIS, AirPath, Balances, Trajectory
-from lpvobs.engines.channels import channels
+from lpvobs.engines.channels import Columns, channels
 from lpvobs.engines.components import intake
 from lpvobs.engines.components.effects import FUEL_AXIS
 from lpvobs.engines.diesel import constants as constant
@@ -126,17 +126,15 @@ class Diesel(AirPath):
         """Return the measured states, shape (N, 3)."""
         return np.stack([log[state] for state in STATES], axis=1)
 
-    def corrections(self, log: Log, rates: Mapping[str, Array]) -> tuple[Correction, ...]:
+    def corrections(self, log: Log, rates: Columns) -> tuple[Correction, ...]:
         """Return how each of the components moves the balances, given the rates of pressures and temperatures."""
         return correction.corrections(self.constants, log.channels, rates)
 
-    def caution(self, log: Log, noise: Mapping[str, Array], spread: float, learned: bool = False) -> Caution:
+    def caution(self, log: Log, noise: Columns, spread: float, learned: bool = False) -> Caution:
         """Return how far the balances can be relied on, given the noise of calmed channels and the constants' spread."""
         return correction.caution(self.constants, log.channels, noise, spread)
 
-    def balances(
-        self, log: Log, rates: Mapping[str, Array], uncertain: Sequence[str], calm: Mapping[str, Array] | None = None
-    ) -> Balances:
+    def balances(self, log: Log, rates: Columns, uncertain: Sequence[str], calm: Columns | None = None) -> Balances:
         """Return the flow from the compressor and from the filling of the cylinders, and what they owe to each constant.
 
         The log may be smoothed or not; `rates` are those of `p_im` [Pa/s] and `T_im` [K/s]. `calm` has the channels of

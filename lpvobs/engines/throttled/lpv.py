@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from lpvobs.engines.base import SPEED_AXIS, AirPath, Balances, MapAxis, Trajectory
-from lpvobs.engines.channels import channels
+from lpvobs.engines.channels import Columns, channels
 from lpvobs.engines.curves import Knowledge
 from lpvobs.engines.throttled import relations as relation
 from lpvobs.engines.throttled.constants import ThrottledEngine
@@ -124,15 +124,13 @@ class Throttled(AirPath):
         flow = relation.THROTTLE.flow(self.engine, self._known(), log.channels)
         return np.stack([log["p_ic"], log["p_im"], flow], axis=1)
 
-    def caution(self, log: Log, noise: Mapping[str, Array], spread: float, learned: bool = False) -> Caution:
+    def caution(self, log: Log, noise: Columns, spread: float, learned: bool = False) -> Caution:
         """Return full trust in throttle and filling, and next to none in the fuel, which is no measure of air where it is rich."""
         trust = np.ones((len(BALANCES), len(log)))
         trust[BALANCES.index("fuel")] = UNSURE
         return Caution(trust, np.zeros_like(trust))
 
-    def balances(
-        self, log: Log, rates: Mapping[str, Array], uncertain: Sequence[str], calm: Mapping[str, Array] | None = None
-    ) -> Balances:
+    def balances(self, log: Log, rates: Columns, uncertain: Sequence[str], calm: Columns | None = None) -> Balances:
         """Return the flow past the sensor from throttle, filling and fuel, and what each owes to the uncertain constants."""
         # Each is the flow at its place plus what the volumes between sensor and place store; slopes are exact, the flows
         # are linear in the constants.
