@@ -52,6 +52,15 @@ class Balances:
     slope: Array  # (B, q, N) [kg/s], derivative of each flow by the relative change of each of q uncertain constants
 
 
+def trajectory_of(
+    path: "AirPath", parameters: Sequence[Array], E: Array, log: Log, outputs: Sequence[str]
+) -> Trajectory:
+    """Return the system that an air path states along a log of N samples, from parameters of shape (N,) each and E (N, n)."""
+    A, C = (np.moveaxis(np.array(rows, dtype=float), -1, 0) for rows in path.system(parameters, outputs))
+    y = np.column_stack([log[name] for name in (*outputs, path.sensor)])
+    return Trajectory(np.stack(parameters).T, A, E, C, y)
+
+
 class AirPath(Protocol):
     """An engine's air path: what holds for all engines of its kind, and the numbers of one of them.
 

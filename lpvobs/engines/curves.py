@@ -49,6 +49,15 @@ class LearnedNumber:
     meaning: str
 
 
+def spans(sizes: Mapping[str, int], begin: int = 0) -> dict[str, slice]:
+    """Return where values stand that follow one another, by name, given how many of each there are."""
+    found = {}
+    for name, size in sizes.items():
+        found[name] = slice(begin, begin + size)
+        begin += size
+    return found
+
+
 @dataclass(frozen=True)
 class Knowledge:
     """All that was learned."""
@@ -70,9 +79,7 @@ class Knowledge:
 
     def places(self) -> Mapping[str, slice]:
         """Return where each curve stands in the covariance."""
-        sizes = {name: curve.values.size for name, curve in self.curves.items()}
-        ends = np.cumsum(list(sizes.values())).tolist()
-        return {name: slice(end - size, end) for (name, size), end in zip(sizes.items(), ends, strict=True)}
+        return spans({name: curve.values.size for name, curve in self.curves.items()})
 
     def moved(self, deviation: Array) -> "Knowledge":
         """Return other curves, by the relative deviation of each of their nodes, shape (m - l,); the l numbers stay."""

@@ -93,8 +93,9 @@ def offset(channel: str) -> Change:
     return lambda s, shift: s.corrected(channel, s[channel] - shift)
 
 
-def lacking(i: int, null: float) -> Change:
-    """Return the change that adds an area (null zero) or multiplies a flow or power (null one); `i` is its place in `lacks`."""
+def lacking(in_order: Mapping[str, float], name: str) -> Change:
+    """Return the change that adds an area (zero in order) or multiplies a flow or power (one), given all of `lacks` in order."""
+    i, null = list(in_order).index(name), in_order[name]
 
     def change(s: Signals, x: Any) -> Signals:
         lacks = s.lacks.copy()
@@ -107,6 +108,11 @@ def lacking(i: int, null: float) -> Change:
 def reading(over_truth: Callable[[Signals, Any], Any]) -> Change:
     """Return the correction of the sensor under test where its reading over the truth is known."""
     return lambda s, x: s.corrected(SENSOR, s[SENSOR] / over_truth(s, x))
+
+
+def past_the_filter(s: Signals, area: float, gas_constant: float) -> Array:
+    """Return the flow through a hole behind the filter over that through the sensor; the depression grows with its square."""
+    return np.asarray(area * np.sqrt(2.0 * s["p_amb"] / (gas_constant * s["T_amb"]) * FILTER))
 
 
 def lag(s: Signals, tau: Any) -> Signals:

@@ -14,7 +14,7 @@ import scipy
 from numpy.typing import NDArray
 
 from lpvobs.engines.constants import Within
-from lpvobs.engines.curves import Nodes, Weights, values_at
+from lpvobs.engines.curves import Nodes, Weights, spans, values_at
 from lpvobs.records import Array, Item
 
 NEGLIGIBLE = 1e-3
@@ -60,11 +60,7 @@ class Component:
 
 def places_of(components: Sequence[Component], begin: int = 0) -> dict[str, slice]:
     """Return where the values of each component stand, one after the other."""
-    found = {}
-    for component in components:
-        found[component.name] = slice(begin, begin + component.size)
-        begin += component.size
-    return found
+    return spans({component.name: component.size for component in components}, begin)
 
 
 @dataclass(frozen=True)

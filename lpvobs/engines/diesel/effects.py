@@ -11,13 +11,12 @@ from numpy.typing import NDArray
 from lpvobs.compiled import njit
 from lpvobs.engines.blocks import Blocks
 from lpvobs.engines.components import intake
-from lpvobs.engines.components.effects import EGR, AsFound, found_around, lacks, on_the_intake
-from lpvobs.engines.components.intake import PRESSURE
+from lpvobs.engines.components.intake import EGR, PRESSURE, AsFound, found_around, on_the_intake
 from lpvobs.engines.curves import Nodes
 from lpvobs.engines.diesel import relations as relation
 from lpvobs.engines.diesel.constants import DieselConstants, DieselEngine, constants_of
 from lpvobs.engines.diesel.corrections import COMPONENTS, FOLLOWERS, RATIO, VOLUMES, corrections
-from lpvobs.engines.effects import BOOST, STEADY, Effect, Signals, gain, reading
+from lpvobs.engines.effects import BOOST, STEADY, Effect, Signals, gain, lacking, reading
 from lpvobs.engines.healthy import HealthyErrors
 from lpvobs.engines.residual_model import ComponentCurve, DayToDay, ResidualModel, levels_of
 from lpvobs.engines.unknowns import Correction, Unknowns, loop_unknowns, places_of
@@ -46,17 +45,9 @@ IN_ORDER = Lacks()
 OMEGA_T, T_EM, T_AMB, W_MAF = (CHANNELS.index(name) for name in ("omega_t", "T_em", "T_amb", "W_maf"))
 COMPRESSOR, CYLINDERS, EXHAUST_RETURN, T_EM_LAG, OMEGA_T_LAG, W_MAF_LAG = range(6)
 PARTS = {
-    "compressor": COMPRESSOR,
-    "eta_vol": CYLINDERS,
-    "eta_vol_waves": CYLINDERS,
-    "eta_vol_exhaust": CYLINDERS,
-    "eta_vol_charge": CYLINDERS,
-    "eta_vol_heat": CYLINDERS,
-    "egr": EXHAUST_RETURN,
-    "T_em_lag": T_EM_LAG,
-    "omega_t_lag": OMEGA_T_LAG,
-    "W_maf_lag": W_MAF_LAG,
-}
+    "compressor": COMPRESSOR, "egr": EXHAUST_RETURN, "T_em_lag": T_EM_LAG, "omega_t_lag": OMEGA_T_LAG, "W_maf_lag": W_MAF_LAG,
+    **dict.fromkeys(("eta_vol", "eta_vol_waves", "eta_vol_exhaust", "eta_vol_charge", "eta_vol_heat"), CYLINDERS),
+}  # fmt: skip
 """What the corrections change: flows of compressor, cylinders and EGR [kg/s], and three signals by their lag [s]."""
 NUDGES = (1e-5, 1e-5, 1e-5, 1e-4, 1e-4, 1e-4)
 """Steps of difference quotients by these: a flow in ten thousand, and a lag that is short against any transient."""
@@ -229,9 +220,9 @@ CATALOGUE = (
     Effect("p_em.gain", "factor", "1", 1.0, 0.01, 0.7, 1.3, "p_em", gain("p_em"), EGR),
     Effect("omega_t.gain", "factor", "1", 1.0, 0.005, 0.8, 1.2, "omega_t", gain("omega_t"), BOOST),
     *(_SHARED[name] for name in ("T_im.lag", "leak.intake", "egr.leak", "egr.area", "eta_vol.factor")),
-    Effect("compressor.flow", "factor", "1", 1.0, 0.03, 0.6, 1.3, "compressor", lacks(_LACKS, "compressor"), BOOST),
-    Effect("turbine.efficiency", "factor", "1", 1.0, 0.03, 0.5, 1.5, "turbine", lacks(_LACKS, "turbine"), BOOST),
-    Effect("exhaust.restriction", "factor", "1", 1.0, 0.5, 0.3, 10.0, "exhaust", lacks(_LACKS, "exhaust"), BOOST),
+    Effect("compressor.flow", "factor", "1", 1.0, 0.03, 0.6, 1.3, "compressor", lacking(_LACKS, "compressor"), BOOST),
+    Effect("turbine.efficiency", "factor", "1", 1.0, 0.03, 0.5, 1.5, "turbine", lacking(_LACKS, "turbine"), BOOST),
+    Effect("exhaust.restriction", "factor", "1", 1.0, 0.5, 0.3, 10.0, "exhaust", lacking(_LACKS, "exhaust"), BOOST),
 )
 """The effects in the order in which they are undone: the last one on the way into the log comes first."""
 _BY_NAME = {effect.id: effect for effect in CATALOGUE}

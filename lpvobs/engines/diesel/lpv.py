@@ -15,7 +15,6 @@ from lpvobs.compiled import njit
 from lpvobs.engines.base import SPEED_AXIS, AirPath, Balances, Trajectory
 from lpvobs.engines.channels import Columns, channels
 from lpvobs.engines.components import intake
-from lpvobs.engines.components.effects import FUEL_AXIS
 from lpvobs.engines.diesel import constants as constant
 from lpvobs.engines.diesel import corrections as correction
 from lpvobs.engines.diesel import relations as relation
@@ -61,7 +60,7 @@ class Diesel(AirPath):
     component_maps = COMPONENT_MAPS
     steep = COMPRESSOR
     volumes = correction.VOLUMES
-    axes = (FUEL_AXIS, SPEED_AXIS)
+    axes = (intake.FUEL_AXIS, SPEED_AXIS)
     channels = channels("components", "diesel")
 
     @cached_property

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from lpvobs.engines.blocks import Blocks
 from lpvobs.engines.components import intake
-from lpvobs.engines.components.effects import AsFound, found_around, on_the_intake
+from lpvobs.engines.components.intake import AsFound, found_around, on_the_intake
 from lpvobs.engines.effects import SENSOR, Signals
 from lpvobs.engines.healthy import HealthyErrors
 from lpvobs.engines.residual_model import ResidualModel, levels_of

@@ -14,10 +14,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from lpvobs.engines.base import SPEED_AXIS, AirPath, Balances, MapAxis, Trajectory
+from lpvobs.engines.base import SPEED_AXIS, AirPath, Balances, MapAxis, Trajectory, trajectory_of
 from lpvobs.engines.channels import Channel, Columns, channels
 from lpvobs.engines.components import intake
-from lpvobs.engines.components.effects import FUEL_AXIS
 from lpvobs.engines.series import flows
 from lpvobs.engines.series.constants import SeriesEngine, constants_of
 from lpvobs.engines.unknowns import Caution, Correction
@@ -72,12 +71,9 @@ class SeriesPath(AirPath):
         c, x = self.constants, log.channels
         T = x["T_im"] if constant is None else np.full(len(log), constant["T_im"])
         W_ei = intake.cylinder_flow(c, x["p_im"], x["n_e"], x["T_im"])
-        parameters = np.stack([W_ei / x["p_im"], c.R_a * T / c.V_im])
-        A, C = (np.moveaxis(np.array(rows), -1, 0) for rows in self.system(list(parameters), outputs))
-        inflow = self.returned(x, W_ei)
-        E = np.stack([parameters[1] * inflow, np.zeros(len(log))], axis=1)
-        y = np.column_stack([log[name] for name in (*outputs, self.sensor)])
-        return Trajectory(parameters.T, A, E, C, y)
+        rho_cyl, a_im = W_ei / x["p_im"], c.R_a * T / c.V_im
+        E = np.stack([a_im * self.returned(x, W_ei), np.zeros(len(log))], axis=1)
+        return trajectory_of(self, [rho_cyl, a_im], E, log, outputs)
 
     @staticmethod
     def system(parameters: Sequence[Any], outputs: Sequence[str]) -> tuple[list[list[Any]], list[list[Any]]]:
@@ -122,7 +118,7 @@ class Series(SeriesPath):
     components = flows.COMPONENTS
     measured_parts = flows.MEASURED_PARTS
     usual_tolerance = TOLERANCE
-    axes = (FUEL_AXIS, SPEED_AXIS)
+    axes = (intake.FUEL_AXIS, SPEED_AXIS)
     channels = channels("components", "series")
 
     def flows(self, c: Any, x: Columns, rates: Columns) -> Array:

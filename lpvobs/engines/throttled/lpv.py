@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from lpvobs.engines.base import SPEED_AXIS, AirPath, Balances, MapAxis, Trajectory
+from lpvobs.engines.base import SPEED_AXIS, AirPath, Balances, MapAxis, Trajectory, trajectory_of
 from lpvobs.engines.channels import Columns, channels
 from lpvobs.engines.curves import Knowledge
 from lpvobs.engines.throttled import relations as relation
@@ -96,18 +96,10 @@ class Throttled(AirPath):
         learned, R = self._known(), self.engine.air.R_a
         x = log.channels
         T = x["T_ic"] if constant is None else np.full(len(log), constant["T_ic"])
-        parameters = np.stack(
-            [
-                relation.THROTTLE.flow(self.engine, learned, x) / x["p_ic"],
-                relation.FILLING.flow(self.engine, learned, x) / x["p_im"],
-                R * T / learned["V_ic"],
-                R * T / learned["V_im"],
-            ],
-            axis=1,
-        )
-        A, C = self.system(list(parameters.T), outputs)
-        y = np.column_stack([log[channel] for channel in (*outputs, self.sensor)])
-        return Trajectory(parameters, _stacked(A), np.zeros((len(log), 3)), _stacked(C), y)
+        rho_th = relation.THROTTLE.flow(self.engine, learned, x) / x["p_ic"]
+        rho_cyl = relation.FILLING.flow(self.engine, learned, x) / x["p_im"]
+        parameters = [rho_th, rho_cyl, R * T / learned["V_ic"], R * T / learned["V_im"]]
+        return trajectory_of(self, parameters, np.zeros((len(log), 3)), log, outputs)
 
     @staticmethod
     def system(parameters: Sequence[Any], outputs: Sequence[str]) -> tuple[list[list[Any]], list[list[Any]]]:
@@ -153,11 +145,6 @@ class Throttled(AirPath):
                 "engine: the curves of a throttled engine are not configured but learned; give a healthy log"
             )
         return self.learned
-
-
-def _stacked(rows: list[list[Any]]) -> Array:
-    """Return a matrix of channels as (N, rows, columns)."""
-    return np.ascontiguousarray(np.moveaxis(np.array(rows, dtype=float), -1, 0))
 
 
 def in_c(path: Throttled) -> dict[str, float | Array]:
