@@ -137,24 +137,18 @@ def contamination(s: Signals, x: Any) -> Signals:
 
 def on_the_reading() -> Mapping[str, Effect]:
     """Return the effects that every engine may have on the reading of the sensor, by name."""
-    own = (SENSOR,)
+    place, own = "sensor", (SENSOR,)
+    gain_of = reading(lambda s, x: np.broadcast_to(x, s.time.shape))
+    drift = reading(lambda s, rate: 1.0 + rate * s.time)
+    warmed = reading(lambda s, k: 1.0 + k * (s["T_amb"] - AIR_AT_CALIBRATION))
     found = (
-        Effect("maf.delay", "delay", "s", 0.0, 0.03, -0.1, 1.0, "sensor", delay, TRANSIENTS, needs=own),
-        Effect("maf.lag", "tau", "s", 0.0, 0.03, -0.02, 1.0, "sensor", lag, TRANSIENTS, needs=own),
-        Effect("maf.offset", "offset", "kg/s", 0.0, 1e-3, -0.02, 0.02, "sensor", offset(SENSOR), STEADY, True, needs=own),
-        Effect(
-            "maf.gain", "factor", "1", 1.0, 0.05, 0.4, 2.0, "sensor",
-            reading(lambda s, x: np.broadcast_to(x, s.time.shape)), STEADY, True, needs=own,
-        ),
-        Effect(
-            "maf.drift", "rate", "1/s", 0.0, 1e-4, -1e-3, 1e-3, "sensor",
-            reading(lambda s, rate: 1.0 + rate * s.time), STEADY, needs=own,
-        ),
-        Effect(
-            "maf.temperature", "coefficient", "1/K", 0.0, 1e-3, -0.02, 0.02, "sensor",
-            reading(lambda s, k: 1.0 + k * (s["T_amb"] - AIR_AT_CALIBRATION)), ALTITUDE, needs=(SENSOR, "T_amb"),
-        ),
-        Effect("maf.contamination", "coefficient", "1", 0.0, 0.05, -0.5, 0.5, "sensor", contamination, STEADY, needs=own),
+        Effect("maf.delay", "delay", "s", 0.0, 0.03, -0.1, 1.0, place, delay, TRANSIENTS, needs=own),
+        Effect("maf.lag", "tau", "s", 0.0, 0.03, -0.02, 1.0, place, lag, TRANSIENTS, needs=own),
+        Effect("maf.offset", "offset", "kg/s", 0.0, 1e-3, -0.02, 0.02, place, offset(SENSOR), STEADY, True, needs=own),
+        Effect("maf.gain", "factor", "1", 1.0, 0.05, 0.4, 2.0, place, gain_of, STEADY, True, needs=own),
+        Effect("maf.drift", "rate", "1/s", 0.0, 1e-4, -1e-3, 1e-3, place, drift, STEADY, needs=own),
+        Effect("maf.temperature", "coefficient", "1/K", 0.0, 1e-3, -0.02, 0.02, place, warmed, ALTITUDE, needs=(SENSOR, "T_amb")),
+        Effect("maf.contamination", "coefficient", "1", 0.0, 0.05, -0.5, 0.5, place, contamination, STEADY, needs=own),
     )  # fmt: skip
     return {effect.id: effect for effect in found}
 

@@ -1,9 +1,9 @@
 """The balances of a diesel with EGR and VGT, the effects of the contract that it may have, and the engine as the loop sees it."""
 
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from math import sqrt
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,6 @@ from lpvobs.engines.diesel import relations as relation
 from lpvobs.engines.diesel.constants import DieselConstants, DieselEngine, constants_of
 from lpvobs.engines.diesel.corrections import COMPONENTS, FOLLOWERS, RATIO, VOLUMES, corrections
 from lpvobs.engines.effects import BOOST, STEADY, Effect, Signals, gain, lacking, reading
-from lpvobs.engines.healthy import HealthyErrors
 from lpvobs.engines.residual_model import ComponentCurve, DayToDay, ResidualModel, levels_of
 from lpvobs.engines.unknowns import Correction, Unknowns, loop_unknowns, places_of
 from lpvobs.records import Array
@@ -247,7 +246,7 @@ the turbine as of the compressor, of the EGR as of a valve whose constants are f
 def diesel_model(
     engine: DieselEngine, tolerance: Mapping[str, float], day: DayToDay = ANY_DAY, known: Unknowns | None = None
 ) -> ResidualModel:
-    """Return the diesel as the loop sees it, around its configured constants."""
+    """Return the diesel as the loop sees it, around its configured constants; no log teaches any of it."""
     # They are known within a tolerance, as if uniformly distributed; or, with the corrections of the components, as a
     # calibration knows them, relative to where it found them.
     constants, point = constants_of(engine), loop_unknowns(tolerance, known, VOLUMES)
@@ -285,10 +284,3 @@ def by_reading(_: AsFound, s: Signals, __: Blocks | None) -> Array:
 def shown(s: Signals, _: Blocks | None) -> NDArray[np.bool_]:
     """Return that every balance counts everywhere, shape (4, K)."""
     return np.ones((len(BALANCES), s.time.size // 2), dtype=bool)
-
-
-def residual_model(
-    config: Any, path: Any, healthy: HealthyErrors | None, taught: Collection[str], known: Unknowns | None
-) -> ResidualModel:
-    """Return the model of a configuration, with what a calibration knows; no log teaches any of it."""
-    return diesel_model(path.engine, config.estimate.tolerance, config.trace, known)

@@ -101,13 +101,16 @@ class Diesel(AirPath):
         if constant is not None:
             (a_1, _), (a_2, _) = self.rate_bounds({name: (T, T) for name, T in constant.items()}).values()
             E[1] *= a_2 / parameters[6]
-            parameters[5], parameters[6] = a_1, a_2
+            parameters[5:] = [[a_1], [a_2]]
         N = len(log)
         A, C, y = np.zeros((3, 3, N)), np.zeros((len(outputs) + 1, 3, N)), np.empty((len(outputs) + 1, N))
-        _fill_A(parameters, A)
+        rho_1, rho_2, rho_3, rho_4, rho_5, a_1, a_2 = parameters
+        A[0] = -a_1 * rho_3, a_1 * rho_2, a_1 * rho_1  # Eq. (5)
+        A[1, :2] = a_2 * rho_3, -a_2 * (rho_2 + rho_4)  # Eq. (5)
+        A[2, 2] = -rho_5  # Eq. (5)
         for row, channel in enumerate(outputs):
             C[row, STATES.index(channel)] = 1.0  # Eq. (25)
-        C[-1, 2] = parameters[0]  # Eq. (25)
+        C[-1, 2] = rho_1  # Eq. (25)
         for row, channel in enumerate((*outputs, self.sensor)):
             y[row] = log[channel]  # Eq. (7)
         return Trajectory(parameters.T, A.transpose(2, 0, 1), E.T, C.transpose(2, 0, 1), y.T, len(outputs))  # Eq. (24)
@@ -149,8 +152,7 @@ class Diesel(AirPath):
         flow: Array = np.stack([balance(nominal) for balance in flows])
         slope = np.zeros((len(flows), len(uncertain), len(log)))
         for i, name in enumerate(uncertain):
-            value = getattr(nominal, name)
-            shifted = nominal._replace(**{name: value * (1.0 + RELATIVE_STEP)})
+            shifted = nominal._replace(**{name: getattr(nominal, name) * (1.0 + RELATIVE_STEP)})
             for b, balance in enumerate(flows):
                 if name in OWNED_CONSTANTS[b]:
                     slope[b, i] = (balance(shifted) - flow[b]) / RELATIVE_STEP
@@ -187,18 +189,6 @@ def along(c: DieselConstants, columns: tuple[Array, ...]) -> tuple[Array, Array]
         E[1, k] = parameters[6, k] * intake.cylinder_fuel_flow(c, n_e[k], u_delta[k])  # Eq. (5)
         E[2, k] = power / (c.J_t * omega_t[k])  # Eq. (5)
     return parameters.T, E.T
-
-
-@njit(cache=True)
-def _fill_A(parameters: Array, A: Array) -> None:
-    for k in range(parameters.shape[1]):
-        a_1, a_2 = parameters[5, k], parameters[6, k]
-        A[0, 0, k] = -a_1 * parameters[2, k]  # Eq. (5)
-        A[0, 1, k] = a_1 * parameters[1, k]  # Eq. (5)
-        A[0, 2, k] = a_1 * parameters[0, k]  # Eq. (5)
-        A[1, 0, k] = a_2 * parameters[2, k]  # Eq. (5)
-        A[1, 1, k] = -a_2 * (parameters[1, k] + parameters[3, k])  # Eq. (5)
-        A[2, 2, k] = -parameters[4, k]  # Eq. (5)
 
 
 @njit(cache=True)

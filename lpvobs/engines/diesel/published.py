@@ -61,17 +61,13 @@ def drive(engine: DieselEngine, error_at: Callable[[Array, Array], Array]) -> Ma
         "p_amb": np.full_like(t, P_AMB),
         "T_amb": np.full_like(t, T_AMB),
     }
-    flow = _cylinders(engine, channels) + engine.geometry.V_im * rise / (engine.gas.R_a * channels["T_im"])
+    k = engine.filling
+    eta = k.c_vol1 * np.sqrt(p_im) + k.c_vol2 * np.sqrt(channels["n_e"]) + k.c_vol3
+    W_ei = eta * p_im * channels["n_e"] * engine.geometry.V_d / (120.0 * engine.gas.R_a * channels["T_im"])
+    flow = W_ei + engine.geometry.V_im * rise / (engine.gas.R_a * channels["T_im"])
     error = error_at(channels["u_delta"], channels["n_e"])
     turbine = {"omega_t": _turbine_speed(engine, channels, flow), "W_maf": flow + error}
     return channels | turbine | {"ref_W_c": flow, "ref_delta_W_c": error}
-
-
-def _cylinders(engine: DieselEngine, c: Mapping[str, Array]) -> Array:
-    """Return W_ei of Eq. (2) [kg/s]."""
-    k = engine.filling
-    eta = k.c_vol1 * np.sqrt(c["p_im"]) + k.c_vol2 * np.sqrt(c["n_e"]) + k.c_vol3
-    return np.asarray(eta * c["p_im"] * c["n_e"] * engine.geometry.V_d / (120.0 * engine.gas.R_a * c["T_im"]))
 
 
 def _compressor(engine: DieselEngine, p_im: Array, omega_t: Array) -> Array:

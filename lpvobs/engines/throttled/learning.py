@@ -18,7 +18,7 @@ import scipy
 from numpy.typing import NDArray
 
 from lpvobs.engines.blocks import Blocks, blocks_of, transience_of
-from lpvobs.engines.curves import Knowledge, LearnedNumber, slopes, surface_roughness
+from lpvobs.engines.curves import Knowledge, LearnedNumber, differences
 from lpvobs.engines.effects import Signals
 from lpvobs.engines.healthy import CHUNK, FOLDS, QUANTILES, TAIL, HealthyErrors, healthy_errors, parts_of
 from lpvobs.engines.throttled import relations as relation
@@ -94,11 +94,12 @@ def _guesses(engine: ThrottledEngine, curves: Sequence[Array]) -> list[tuple[Arr
     eta_vol = np.full(curves[1].shape[1], 1.0 / np.median(curves[1].sum(1)))  # one level, which fits best in the median
     fuel = _injector(np.repeat(nodes.m_f, len(nodes.fuel_n_e)), curves[2])
     curvatures = (nodes.curvature, nodes.curvature, nodes.fuel_curvature)
-    shapes = [(1, *part.shape(engine))[-2:] for part in relation.PARTS]  # a line has one row
-    return [
-        (guess, np.vstack([surface_roughness(*size) / bent, slopes(*size) / LOOSE, np.eye(guess.size) / (4.0 * LOOSE)]))
-        for guess, bent, size in zip((area, eta_vol, fuel), curvatures, shapes, strict=True)
-    ]
+    beliefs = []
+    for guess, bent, part in zip((area, eta_vol, fuel), curvatures, relation.PARTS, strict=True):
+        size = (1, *part.shape(engine))[-2:]  # a line has one row
+        smooth, flat = differences(2, *size) / bent, differences(1, *size) / LOOSE
+        beliefs.append((guess, np.vstack([smooth, flat, np.eye(guess.size) / (4.0 * LOOSE)])))
+    return beliefs
 
 
 def _injector(m_f: Array, columns: Array) -> Array:
