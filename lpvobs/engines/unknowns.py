@@ -221,10 +221,9 @@ class Unknowns:
 
     def scaled(self, amplitudes: Sequence[float]) -> Array:
         """Return the covariance at amplitudes of the groups, shape (q, q)."""
-        factor = np.ones(self.size)
         by_group = dict(zip(self.groups(), amplitudes, strict=True))
-        for component in self.components:
-            factor[self.places()[component.name]] = by_group.get(component.group, 1.0)
+        own = (np.full(component.size, by_group.get(component.group, 1.0)) for component in self.components)
+        factor = np.concatenate([np.ones(len(self.constants)), *own])
         return self.covariance * np.outer(factor, factor)
 
 

@@ -8,7 +8,7 @@ mg/cycle.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import sqrt
-from typing import Annotated, Any, Protocol
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -67,22 +67,8 @@ class Egr:
     k_reverse: Annotated[float, Within(0, 1.5, "1", "share of the area for reverse flow")]
 
 
-class Constants(Protocol):
-    """A flat tuple of an engine's constants, these among them."""
-
-    R_a: float
-    R_e: float
-    gamma_a: float
-    V_d: float
-    n_cyl: float
-    c_vol1: float
-    c_vol2: float
-    c_vol3: float
-    A_egr_max: float
-    c_egr1: float
-    c_egr2: float
-    pi_egr_opt: float
-    k_reverse: float
+Constants = Any
+"""A flat tuple of an engine's constants: those of `Filling` and `Egr`, R_a, R_e, gamma_a, V_d, V_im and n_cyl among them."""
 
 
 @njit(cache=True)
@@ -123,6 +109,11 @@ def cylinder_flow(c, p_im, n_e, T_im):  # type: ignore[no-untyped-def]
     for k in range(p_im.size):
         flow[k] = rho_3(c, p_im[k], n_e[k], T_im[k]) * p_im[k]  # Eq. (2)
     return flow
+
+
+def stored(c: Constants, x: Mapping[str, Array], rates: Mapping[str, Array]) -> Array:
+    """Return what fills the intake manifold, V_im / (R_a T_im) (dp_im/dt - p_im / T_im dT_im/dt), shape (n,) [kg/s]."""
+    return c.V_im / (c.R_a * x["T_im"]) * (rates["p_im"] - x["p_im"] / x["T_im"] * rates["T_im"])
 
 
 @njit(cache=True)

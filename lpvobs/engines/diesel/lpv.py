@@ -36,7 +36,6 @@ GAS_TOLERANCE, FITTED_TOLERANCE = 0.001, 0.01
 """Of constants of which the configuration says nothing: gases are in tables, what is fitted is good to a hundredth."""
 RELATIVE_STEP = 1e-5
 """Relative step of the difference quotients. Their error is a step times the second derivative, 1e-4 at the steepest."""
-FILLING = ("n_e", "u_egr", "p_im", "p_em", "T_im", "T_em")
 INPUTS = ("n_e", "u_delta", "u_egr", "u_vgt", "p_im", "p_em", "omega_t", "T_im", "T_em", "p_amb", "T_amb")
 
 
@@ -145,10 +144,9 @@ class Diesel(AirPath):
         Compressor: W_c = rho_1 omega_t. Filling: Eq. (1) solved for W_c = W_ei - W_egr + V_im/(R_a T_im) (dp_im/dt -
         p_im/T_im dT_im/dt). Departure from the paper: its Eq. (1) has no term in dT_im/dt.
         """
-        columns = [*(log[name] for name in FILLING), *(np.asarray(rates[name]) for name in ("p_im", "T_im"))]
         calmer, nominal = {**log.channels, **(calm or {})}, self.constants
         flows: tuple[Callable[[DieselConstants], Array], ...]
-        flows = (lambda c: correction.compressor_flow(c, calmer)), (lambda c: filling_flow(c, *columns))
+        flows = (lambda c: correction.compressor_flow(c, calmer)), (lambda c: filling_flow(c, log.channels, rates))
         flow: Array = np.stack([balance(nominal) for balance in flows])
         slope = np.zeros((len(flows), len(uncertain), len(log)))
         for i, name in enumerate(uncertain):
@@ -191,13 +189,8 @@ def along(c: DieselConstants, columns: tuple[Array, ...]) -> tuple[Array, Array]
     return parameters.T, E.T
 
 
-@njit(cache=True)
-def filling_flow(c, n_e, u_egr, p_im, p_em, T_im, T_em, dp_im, dT_im):  # type: ignore[no-untyped-def]
-    """Return W_c = W_ei - W_egr + V_im / (R_a T_im) (dp_im - p_im / T_im dT_im), shape (N,) [kg/s]."""
-    flow = np.empty(n_e.size)
-    for k in range(n_e.size):
-        W_ei = intake.rho_3(c, p_im[k], n_e[k], T_im[k]) * p_im[k]  # Eq. (2)
-        W_egr = intake.rho_2(c, p_im[k], p_em[k], u_egr[k], T_im[k], T_em[k]) * p_em[k]  # Eq. (2)
-        stored = c.V_im / (c.R_a * T_im[k]) * (dp_im[k] - p_im[k] / T_im[k] * dT_im[k])
-        flow[k] = W_ei - W_egr + stored  # Eq. (1)
-    return flow
+def filling_flow(c: DieselConstants, x: Columns, rates: Columns) -> Array:
+    """Return W_c = W_ei - W_egr + what fills the intake manifold, shape (N,) [kg/s]."""
+    W_ei = intake.cylinder_flow(c, x["p_im"], x["n_e"], x["T_im"])
+    W_egr = intake.egr_flow(c, x["p_im"], x["p_em"], x["u_egr"], x["T_im"], x["T_em"])
+    return W_ei - W_egr + intake.stored(c, x, rates)  # Eq. (1)

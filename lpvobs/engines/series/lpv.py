@@ -194,4 +194,4 @@ class SpeedDensity(SeriesPath):
     def flows(self, c: Any, x: Columns, rates: Columns) -> Array:
         """Return the flow into the cylinders and the manifold, shape (1, n) [kg/s]."""
         W_ei = intake.cylinder_flow(c, x["p_im"], x["n_e"], x["T_im"])
-        return np.stack([W_ei + flows.stored(c, x, rates)])  # Eq. (1)
+        return np.stack([W_ei + intake.stored(c, x, rates)])  # Eq. (1)
