@@ -6,7 +6,7 @@ from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
-from lpvobs.engines.channels import Channel, Pulsation, Recorded, Suspects
+from lpvobs.engines.channels import Channel, Columns, Pulsation, Recorded, Suspects
 from lpvobs.engines.constants import scaled
 from lpvobs.engines.curves import Knowledge
 from lpvobs.engines.effects import SENSOR
@@ -50,6 +50,15 @@ class Balances:
     names: tuple[str, ...]  # B balances
     flow: Array  # (B, N) [kg/s]
     slope: Array  # (B, q, N) [kg/s], derivative of each flow by the relative change of each of q uncertain constants
+
+
+def trajectory_of(
+    path: "AirPath", parameters: Sequence[Array], E: Array, log: Log, outputs: Sequence[str]
+) -> Trajectory:
+    """Return the system that an air path states along a log of N samples, from parameters of shape (N,) each and E (N, n)."""
+    A, C = (np.moveaxis(np.array(rows, dtype=float), -1, 0) for rows in path.system(parameters, outputs))
+    y = np.column_stack([log[name] for name in (*outputs, path.sensor)])
+    return Trajectory(np.stack(parameters).T, A, E, C, y)
 
 
 class AirPath(Protocol):
@@ -130,12 +139,10 @@ class AirPath(Protocol):
     def states(self, log: Log) -> Array:
         """Return the states along a log as measured, shape (N, n), computed where no sensor shows them."""
 
-    def balances(
-        self, log: Log, rates: Mapping[str, Array], uncertain: Sequence[str], calm: Mapping[str, Array] | None = None
-    ) -> Balances:
+    def balances(self, log: Log, rates: Columns, uncertain: Sequence[str], calm: Columns | None = None) -> Balances:
         """Return the redundant flows along a log, given the time derivative of each smoothed channel, and the calmed ones."""
 
-    def corrections(self, log: Log, rates: Mapping[str, Array]) -> tuple[Correction, ...]:
+    def corrections(self, log: Log, rates: Columns) -> tuple[Correction, ...]:
         """Return how each of the components moves the balances along a log."""
         return ()
 
@@ -143,7 +150,7 @@ class AirPath(Protocol):
         """Return for channels that a log may lack what they are supposed to read, in words and along the log, shape (N,)."""
         return {}
 
-    def caution(self, log: Log, noise: Mapping[str, Array], spread: float, learned: bool = False) -> Caution:
+    def caution(self, log: Log, noise: Columns, spread: float, learned: bool = False) -> Caution:
         """Return how far the balances can be relied on, by default wholly.
 
         `noise` is the standard deviation that is left of each calmed channel's noise, `spread` that of the relative constants;
@@ -195,7 +202,7 @@ class EngineKind:
     published: Published | None = None  # a printed gain for it
     # a log by formula, for the self-test: takes the configuration's `[engine]` and the sensor's error [kg/s] as a
     # function of the map's inputs, and returns every channel, `time`, `ref_W_c` and `ref_delta_W_c`
-    known_drive: Callable[[Any, Callable[[Array, Array], Array]], Mapping[str, Array]] | None = None
+    known_drive: Callable[[Any, Callable[[Array, Array], Array]], Columns] | None = None
     suspects: Suspects = field(default_factory=Suspects)  # what its logs are tried for beyond impossible readings
     pulsation: Pulsation | None = None  # of the sensor under test; None where nothing is known of it
     caveat: str = ""  # what is to be said of every map of it

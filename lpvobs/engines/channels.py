@@ -48,18 +48,17 @@ AMBIENT = ("p_amb", "T_amb")
 def channels(*folders: str) -> Mapping[str, Channel]:
     """Return the channels that the last of some folders of `lpvobs.engines` lists; what it leaves out, those before it say."""
     *usual, own = _tables("channels.toml", "", *folders)
-    found = {name: {key: x for each in (*usual, own) for key, x in each.get(name, {}).items()} for name in own}
-    return {name: Channel(**_with_tuples(how)) for name, how in found.items()}
+    return {name: Channel(**{k: x for table in (*usual, own) for k, x in table.get(name, {}).items()}) for name in own}
 
 
 def _tables(file: str, *folders: str) -> list[dict[str, Any]]:
-    """Return the TOML files of a name in folders of `lpvobs.engines`; `` is that itself."""
-    own = files("lpvobs.engines")
-    return [tomllib.loads(own.joinpath(folder, file).read_text(encoding="utf-8")) for folder in folders]
+    """Return the TOML files of a name in folders of `lpvobs.engines`, lists as tuples; `` is that itself."""
+    texts = [files("lpvobs.engines").joinpath(folder, file).read_text(encoding="utf-8") for folder in folders]
+    return [{name: {k: _tuple(x) for k, x in how.items()} for name, how in tomllib.loads(t).items()} for t in texts]
 
 
-def _with_tuples(how: Mapping[str, Any]) -> dict[str, Any]:
-    return {key: tuple(value) if isinstance(value, list) else value for key, value in how.items()}
+def _tuple(value: Any) -> Any:
+    return tuple(value) if isinstance(value, list) else value
 
 
 @dataclass(frozen=True)
@@ -80,8 +79,7 @@ class Recorded:
 @cache
 def recorded(*folders: str) -> Mapping[str, Recorded]:
     """Return how recordings hold the channels that `recorded.toml` lists in folders of `lpvobs.engines`; `` is that itself."""
-    found = {name: how for table in _tables("recorded.toml", *folders) for name, how in table.items()}
-    return {name: Recorded(**_with_tuples(how)) for name, how in found.items()}
+    return {name: Recorded(**how) for table in _tables("recorded.toml", *folders) for name, how in table.items()}
 
 
 SLOWEST = 60.0  # [s] A sensor that takes longer shows nothing of a drive cycle
@@ -113,6 +111,7 @@ class Sensor:
 
 
 Channels = dict[str, Array]
+Columns = Mapping[str, Array]
 
 
 @dataclass(frozen=True)

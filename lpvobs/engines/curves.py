@@ -49,6 +49,15 @@ class LearnedNumber:
     meaning: str
 
 
+def spans(sizes: Mapping[str, int], begin: int = 0) -> dict[str, slice]:
+    """Return where values stand that follow one another, by name, given how many of each there are."""
+    found = {}
+    for name, size in sizes.items():
+        found[name] = slice(begin, begin + size)
+        begin += size
+    return found
+
+
 @dataclass(frozen=True)
 class Knowledge:
     """All that was learned."""
@@ -70,9 +79,7 @@ class Knowledge:
 
     def places(self) -> Mapping[str, slice]:
         """Return where each curve stands in the covariance."""
-        sizes = {name: curve.values.size for name, curve in self.curves.items()}
-        ends = np.cumsum(list(sizes.values())).tolist()
-        return {name: slice(end - size, end) for (name, size), end in zip(sizes.items(), ends, strict=True)}
+        return spans({name: curve.values.size for name, curve in self.curves.items()})
 
     def moved(self, deviation: Array) -> "Knowledge":
         """Return other curves, by the relative deviation of each of their nodes, shape (m - l,); the l numbers stay."""
@@ -144,18 +151,7 @@ def _values_at(nodes, shares, values):  # type: ignore[no-untyped-def]
     return out
 
 
-def roughness(size: int) -> Array:
-    """Return second differences along a line of nodes, shape (size - 2, size)."""
-    return np.diff(np.eye(size), n=2, axis=0)
-
-
-def surface_roughness(rows: int, columns: int) -> Array:
-    """Return second differences along both axes of a surface, (m, rows * columns)."""
-    return np.vstack([np.kron(roughness(rows), np.eye(columns)), np.kron(np.eye(rows), roughness(columns))])
-
-
-def slopes(rows: int, columns: int) -> Array:
-    """Return first differences along both axes; a line has one row."""
-    along = np.kron(np.eye(rows), np.diff(np.eye(columns), axis=0))
-    across = np.kron(np.diff(np.eye(rows), axis=0), np.eye(columns))
-    return np.vstack([along, across])
+def differences(order: int, rows: int, columns: int) -> Array:
+    """Return first or second differences along both axes of a surface, (m, rows * columns); a line has one row."""
+    across, along = (np.diff(np.eye(size), n=order, axis=0) for size in (rows, columns))
+    return np.vstack([np.kron(across, np.eye(columns)), np.kron(np.eye(rows), along)])

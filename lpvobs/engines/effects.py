@@ -51,16 +51,13 @@ class Signals:
         """Return the other signals in some columns, shape (C,), and these elsewhere."""
         if on.all():
             return other
-        return replace(
-            self,
-            value=_where(on, other.value, self.value),
-            rate=_where(on, other.rate, self.rate),
-            lacks=self.lacks if other.lacks is self.lacks else np.where(on, other.lacks, self.lacks),
-        )
 
+        def mixed(there: Array, here: Array) -> Array:
+            return here if there is here else np.where(on, there, here)
 
-def _where(on: NDArray[np.bool_], there: Mapping[str, Array], here: Mapping[str, Array]) -> Mapping[str, Array]:
-    return {name: x if there[name] is x else np.where(on, there[name], x) for name, x in here.items()}
+        value = {name: mixed(other.value[name], x) for name, x in self.value.items()}
+        rate = {name: mixed(other.rate[name], x) for name, x in self.rate.items()}
+        return replace(self, value=value, rate=rate, lacks=mixed(other.lacks, self.lacks))
 
 
 Change = Callable[[Signals, Any], Signals]
@@ -96,8 +93,9 @@ def offset(channel: str) -> Change:
     return lambda s, shift: s.corrected(channel, s[channel] - shift)
 
 
-def lacking(i: int, null: float) -> Change:
-    """Return the change that adds an area (null zero) or multiplies a flow or power (null one); `i` is its place in `lacks`."""
+def lacking(in_order: Mapping[str, float], name: str) -> Change:
+    """Return the change that adds an area (zero in order) or multiplies a flow or power (one), given all of `lacks` in order."""
+    i, null = list(in_order).index(name), in_order[name]
 
     def change(s: Signals, x: Any) -> Signals:
         lacks = s.lacks.copy()
@@ -110,6 +108,11 @@ def lacking(i: int, null: float) -> Change:
 def reading(over_truth: Callable[[Signals, Any], Any]) -> Change:
     """Return the correction of the sensor under test where its reading over the truth is known."""
     return lambda s, x: s.corrected(SENSOR, s[SENSOR] / over_truth(s, x))
+
+
+def past_the_filter(s: Signals, area: float, gas_constant: float) -> Array:
+    """Return the flow through a hole behind the filter over that through the sensor; the depression grows with its square."""
+    return np.asarray(area * np.sqrt(2.0 * s["p_amb"] / (gas_constant * s["T_amb"]) * FILTER))
 
 
 def lag(s: Signals, tau: Any) -> Signals:
@@ -134,24 +137,18 @@ def contamination(s: Signals, x: Any) -> Signals:
 
 def on_the_reading() -> Mapping[str, Effect]:
     """Return the effects that every engine may have on the reading of the sensor, by name."""
-    own = (SENSOR,)
+    place, own = "sensor", (SENSOR,)
+    gain_of = reading(lambda s, x: np.broadcast_to(x, s.time.shape))
+    drift = reading(lambda s, rate: 1.0 + rate * s.time)
+    warmed = reading(lambda s, k: 1.0 + k * (s["T_amb"] - AIR_AT_CALIBRATION))
     found = (
-        Effect("maf.delay", "delay", "s", 0.0, 0.03, -0.1, 1.0, "sensor", delay, TRANSIENTS, needs=own),
-        Effect("maf.lag", "tau", "s", 0.0, 0.03, -0.02, 1.0, "sensor", lag, TRANSIENTS, needs=own),
-        Effect("maf.offset", "offset", "kg/s", 0.0, 1e-3, -0.02, 0.02, "sensor", offset(SENSOR), STEADY, True, needs=own),
-        Effect(
-            "maf.gain", "factor", "1", 1.0, 0.05, 0.4, 2.0, "sensor",
-            reading(lambda s, x: np.broadcast_to(x, s.time.shape)), STEADY, True, needs=own,
-        ),
-        Effect(
-            "maf.drift", "rate", "1/s", 0.0, 1e-4, -1e-3, 1e-3, "sensor",
-            reading(lambda s, rate: 1.0 + rate * s.time), STEADY, needs=own,
-        ),
-        Effect(
-            "maf.temperature", "coefficient", "1/K", 0.0, 1e-3, -0.02, 0.02, "sensor",
-            reading(lambda s, k: 1.0 + k * (s["T_amb"] - AIR_AT_CALIBRATION)), ALTITUDE, needs=(SENSOR, "T_amb"),
-        ),
-        Effect("maf.contamination", "coefficient", "1", 0.0, 0.05, -0.5, 0.5, "sensor", contamination, STEADY, needs=own),
+        Effect("maf.delay", "delay", "s", 0.0, 0.03, -0.1, 1.0, place, delay, TRANSIENTS, needs=own),
+        Effect("maf.lag", "tau", "s", 0.0, 0.03, -0.02, 1.0, place, lag, TRANSIENTS, needs=own),
+        Effect("maf.offset", "offset", "kg/s", 0.0, 1e-3, -0.02, 0.02, place, offset(SENSOR), STEADY, True, needs=own),
+        Effect("maf.gain", "factor", "1", 1.0, 0.05, 0.4, 2.0, place, gain_of, STEADY, True, needs=own),
+        Effect("maf.drift", "rate", "1/s", 0.0, 1e-4, -1e-3, 1e-3, place, drift, STEADY, needs=own),
+        Effect("maf.temperature", "coefficient", "1/K", 0.0, 1e-3, -0.02, 0.02, place, warmed, ALTITUDE, needs=(SENSOR, "T_amb")),
+        Effect("maf.contamination", "coefficient", "1", 0.0, 0.05, -0.5, 0.5, place, contamination, STEADY, needs=own),
     )  # fmt: skip
     return {effect.id: effect for effect in found}
 

@@ -127,9 +127,8 @@ class ResidualModel:
     beyond: Callable[[Sequence[Log], Signals, Blocks | None], Array] | None = None
     # how wrong the balances of a healthy engine are, held out; None weights a residual by its own scatter
     healthy: HealthyErrors | None = None
-    followers: Mapping[str, Follower] = field(
-        default_factory=dict
-    )  # signals that the balances read and no sensor shows
+    # signals that the balances read and no sensor shows
+    followers: Mapping[str, Follower] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)  # of the channels, and of those that logs have beside them
 
     @property
@@ -152,10 +151,9 @@ class ResidualModel:
 
     def restarted(self, deviation: Mapping[str, float], covariance: Array) -> "ResidualModel":
         """Return the model around other values of its unknowns: relative deviations, and their covariance around there, (q, q)."""
-        moved = np.array([deviation.get(name, 0.0) for name in self.names])
-        at, old = self.with_unknowns, moved
-        there = replace(self, constants=at(moved), covariance=covariance)
-        return replace(there, with_unknowns=lambda beta: at(self.both(old, beta)))
+        at, moved = self.with_unknowns, np.array([deviation.get(name, 0.0) for name in self.names])
+        further = {"constants": at(moved), "with_unknowns": lambda beta: at(self.both(moved, beta))}
+        return replace(self, covariance=covariance, **further)
 
     def both(self, first: Array, second: Array) -> Array:
         """Return the deviation of the unknowns after two of them, the second counted from the first, shape (q,)."""

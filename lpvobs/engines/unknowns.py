@@ -14,7 +14,7 @@ import scipy
 from numpy.typing import NDArray
 
 from lpvobs.engines.constants import Within
-from lpvobs.engines.curves import Nodes, Weights, values_at
+from lpvobs.engines.curves import Nodes, Weights, spans, values_at
 from lpvobs.records import Array, Item
 
 NEGLIGIBLE = 1e-3
@@ -56,6 +56,11 @@ class Component:
             away = np.sqrt(3.0) * np.abs(axis.values[:, None] - axis.values) / length
             total = np.kron(total, (1.0 + away) * np.exp(-away))
         return total
+
+
+def places_of(components: Sequence[Component], begin: int = 0) -> dict[str, slice]:
+    """Return where the values of each component stand, one after the other."""
+    return spans({component.name: component.size for component in components}, begin)
 
 
 @dataclass(frozen=True)
@@ -199,11 +204,7 @@ class Unknowns:
 
     def places(self) -> dict[str, slice]:
         """Return where the values of each component stand."""
-        found, begin = {}, len(self.constants)
-        for component in self.components:
-            found[component.name] = slice(begin, begin + component.size)
-            begin += component.size
-        return found
+        return places_of(self.components, len(self.constants))
 
     def groups(self) -> tuple[str, ...]:
         """Return the groups whose amplitude is found from the data."""
@@ -220,10 +221,9 @@ class Unknowns:
 
     def scaled(self, amplitudes: Sequence[float]) -> Array:
         """Return the covariance at amplitudes of the groups, shape (q, q)."""
-        factor = np.ones(self.size)
         by_group = dict(zip(self.groups(), amplitudes, strict=True))
-        for component in self.components:
-            factor[self.places()[component.name]] = by_group.get(component.group, 1.0)
+        own = (np.full(component.size, by_group.get(component.group, 1.0)) for component in self.components)
+        factor = np.concatenate([np.ones(len(self.constants)), *own])
         return self.covariance * np.outer(factor, factor)
 
 
@@ -241,21 +241,15 @@ def loop_unknowns(
     tolerance: Mapping[str, float], known: Unknowns | None, volumes: Collection[str] = ()
 ) -> LoopUnknowns:
     """Return constants within a tolerance, as if uniform, or as a calibration knows them, with the corrections of components."""
-    found = _loop_unknowns(tolerance, known)
-    most = [VOLUME / np.sqrt(3.0) if name in volumes else np.inf for name in found.names]
-    share = np.minimum(1.0, most / np.sqrt(np.maximum(np.diag(found.covariance), np.finfo(float).tiny)))
-    return replace(found, covariance=found.covariance * np.outer(share, share))
-
-
-def _loop_unknowns(tolerance: Mapping[str, float], known: Unknowns | None) -> LoopUnknowns:
-    if known is None:
-        return LoopUnknowns(tuple(tolerance), _uniform(tolerance), np.zeros(0), np.zeros((0, 0)))
+    known = known or Unknowns((), (), np.zeros(0), np.zeros((0, 0)))
     n = len(known.constants)
     others = {name: share for name, share in tolerance.items() if name not in known.constants}
     seen = np.concatenate([1.0 + known.mean[:n], np.ones(known.reduction.shape[1] - n)])
     own = known.reduced(known.covariance) / np.outer(seen, seen)
-    covariance = scipy.linalg.block_diag(_uniform(others), own)
-    return LoopUnknowns((*others, *known.coordinates), covariance, known.mean[n:], known.reduction[n:, n:])
+    names, covariance = (*others, *known.coordinates), scipy.linalg.block_diag(_uniform(others), own)
+    most = [VOLUME / np.sqrt(3.0) if name in volumes else np.inf for name in names]
+    share = np.minimum(1.0, most / np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny)))
+    return LoopUnknowns(names, covariance * np.outer(share, share), known.mean[n:], known.reduction[n:, n:])
 
 
 def _uniform(tolerance: Mapping[str, float]) -> Array:
@@ -264,12 +258,6 @@ def _uniform(tolerance: Mapping[str, float]) -> Array:
 
 def unknowns_of(tolerance: Mapping[str, float], components: Sequence[Component]) -> Unknowns:
     """Return the unknowns before any data: constants as if uniform within their tolerance, corrections of mean zero."""
-    constants = tuple(tolerance)
-    size = len(constants) + sum(component.size for component in components)
-    covariance = np.zeros((size, size))
-    np.fill_diagonal(covariance[: len(constants), : len(constants)], np.array(list(tolerance.values())) ** 2 / 3.0)
-    found = Unknowns(constants, tuple(components), np.zeros(size), covariance)
-    for component in components:
-        own = found.places()[component.name]
-        covariance[own, own] = component.deviation**2 * component.correlation()
-    return found
+    own = (component.deviation**2 * component.correlation() for component in components)
+    covariance = scipy.linalg.block_diag(_uniform(tolerance), *own)
+    return Unknowns(tuple(tolerance), tuple(components), np.zeros(len(covariance)), covariance)

@@ -10,7 +10,7 @@ from lpvobs.discovery.curves import driven_by, surface_of
 from lpvobs.discovery.known_effects import term_on
 from lpvobs.discovery.refine import refine
 from lpvobs.discovery.residual import free_map
-from lpvobs.engines.diesel.balances import Lacks
+from lpvobs.engines.diesel.effects import Lacks
 from lpvobs.report.residual_figures import component_curve
 from lpvobs.report.spoken import in_words
 

@@ -130,7 +130,7 @@ class Blower(AirPath):
 _READING = on_the_reading()
 CATALOGUE = (
     *(_READING[f"maf.{name}"] for name in ("delay", "lag", "offset", "gain", "drift")),
-    Effect("nozzle.area", "factor", "1", 1.0, 0.03, 0.5, 1.5, "nozzle", lacking(0, 1.0), BOOST),
+    Effect("nozzle.area", "factor", "1", 1.0, 0.03, 0.5, 1.5, "nozzle", lacking({"nozzle": 1.0}, "nozzle"), BOOST),
 )
 
 

@@ -1,23 +1,28 @@
-"""What engines with an intake manifold, cylinders and exhaust gas recirculation have in common: constants and relations.
+"""What engines with an intake manifold, cylinders and exhaust gas recirculation share: constants, relations and effects.
 
 Relations after Wahlstrom and Eriksson (2011), the paper's reference 16, with one change that a small car engine needs, marked (+):
 EGR that flows backward. They take any flat tuple with the constants that they name: SI units, openings in %, speed in rpm, fuel in
 mg/cycle.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import sqrt
-from typing import Annotated, Protocol
+from typing import Annotated, Any
 
 import numpy as np
 
 from lpvobs.compiled import njit
+from lpvobs.engines import effects as shared
+from lpvobs.engines.base import MapAxis
 from lpvobs.engines.constants import Within
 from lpvobs.engines.curves import Nodes, Weights, nodes, on_surface
-from lpvobs.engines.unknowns import Component
+from lpvobs.engines.effects import ALTITUDE, BOOST, SENSOR, Effect, Signals, fuel_gain, gain, lacking, offset
+from lpvobs.engines.unknowns import Component, LoopUnknowns
 from lpvobs.records import Array
 
+FUEL_AXIS = MapAxis("u_delta", "mg/cycle", "injected fuel per cylinder and cycle")
+EGR = "the same operating points, once with the EGR valve open and once with it shut"
 SLOWEST = 60.0  # [rpm], far below idling: an engine that stands still has no time of a revolution
 USUAL_CHARGE = 320.0  # [K], T_im at which the slope of the filling adds nothing
 SPEED = nodes("rpm", "engine speed", 600, 1000, 1400, 1800, 2300, 2900, 3600, 4400)
@@ -62,22 +67,8 @@ class Egr:
     k_reverse: Annotated[float, Within(0, 1.5, "1", "share of the area for reverse flow")]
 
 
-class Constants(Protocol):
-    """A flat tuple of an engine's constants, these among them."""
-
-    R_a: float
-    R_e: float
-    gamma_a: float
-    V_d: float
-    n_cyl: float
-    c_vol1: float
-    c_vol2: float
-    c_vol3: float
-    A_egr_max: float
-    c_egr1: float
-    c_egr2: float
-    pi_egr_opt: float
-    k_reverse: float
+Constants = Any
+"""A flat tuple of an engine's constants: those of `Filling` and `Egr`, R_a, R_e, gamma_a, V_d, V_im and n_cyl among them."""
 
 
 @njit(cache=True)
@@ -118,6 +109,11 @@ def cylinder_flow(c, p_im, n_e, T_im):  # type: ignore[no-untyped-def]
     for k in range(p_im.size):
         flow[k] = rho_3(c, p_im[k], n_e[k], T_im[k]) * p_im[k]  # Eq. (2)
     return flow
+
+
+def stored(c: Constants, x: Mapping[str, Array], rates: Mapping[str, Array]) -> Array:
+    """Return what fills the intake manifold, V_im / (R_a T_im) (dp_im/dt - p_im / T_im dT_im/dt), shape (n,) [kg/s]."""
+    return c.V_im / (c.R_a * x["T_im"]) * (rates["p_im"] - x["p_im"] / x["T_im"] * rates["T_im"])
 
 
 @njit(cache=True)
@@ -178,3 +174,56 @@ def escaping(c, p_im, T_im, p_amb, T_amb):  # type: ignore[no-untyped-def]
     for k in range(p_im.size):
         flow[k] = escape(c, p_im[k], T_im[k], p_amb[k], T_amb[k])
     return flow
+
+
+@dataclass(frozen=True, eq=False)
+class AsFound:
+    """An engine's constants, and the values of its corrections; none where nothing is known beyond the configuration."""
+
+    constants: Any
+    values: Array
+
+
+def found_around(constants: Any, point: LoopUnknowns) -> Callable[[Array], AsFound]:
+    """Return what gives the engine from deviations of its unknowns, shape (q,): constants, then modes of the corrections."""
+    names = point.names[: len(point.names) - point.modes.shape[1]]
+
+    def found(beta: Array) -> AsFound:
+        shares = zip(names, beta[: len(names)].tolist(), strict=True)
+        moved = {name: getattr(constants, name) * (1.0 + share) for name, share in shares}
+        values = point.values + point.modes @ beta[len(names) :] if point.values.size else point.values
+        return AsFound(constants._replace(**moved), values)
+
+    return found
+
+
+def temperature_lag(s: Signals, tau: float) -> Signals:
+    """Return the temperature before a slow sensor; its rate is read through a wide window."""
+    return s.corrected("T_im", s["T_im"] + tau * s.slow("T_im"))
+
+
+def on_the_intake(in_order: Mapping[str, float], unfilled: Callable[[AsFound, Signals], Array]) -> Mapping[str, Effect]:
+    """Return by name the effects on readings, intake and EGR; `unfilled` is what the balance of the filling leaves.
+
+    `in_order` are sizes of what the engine's model lacks, `leak_intake`, `egr_leak` [m^2], `egr_area` and `eta_vol` among them.
+    """
+
+    def bypass(s: Signals, area: float) -> Signals:
+        """Return the flow before a hole that draws air in behind the filter."""
+        # The hole takes a fixed share of what passes the sensor, whatever the sensor's own error: of the filling's flow.
+        share = shared.past_the_filter(s, area, s.constants.constants.R_a)
+        filling = s[SENSOR] - unfilled(s.constants, s)
+        return s.corrected(SENSOR, s[SENSOR] + share / (1.0 + share) * np.maximum(filling, 0.0))
+
+    found = (
+        Effect("leak.inlet", "area", "m^2", 0.0, 3e-5, -3e-5, 5e-4, "sensor", bypass, ALTITUDE, True),
+        fuel_gain("u_delta.gain", "u_delta"),
+        Effect("p_im.offset", "offset", "Pa", 0.0, 1e3, -2e4, 2e4, "p_im", offset("p_im"), BOOST),
+        Effect("p_im.gain", "factor", "1", 1.0, 0.01, 0.7, 1.3, "p_im", gain("p_im"), BOOST),
+        Effect("T_im.lag", "tau", "s", 0.0, 3.0, -0.3, 20.0, "T_im", temperature_lag, EGR),
+        Effect("leak.intake", "area", "m^2", 0.0, 5e-6, -2e-6, 2e-4, "intake", lacking(in_order, "leak_intake"), BOOST),
+        Effect("egr.leak", "area", "m^2", 0.0, 3e-6, -1e-6, 1e-4, "EGR", lacking(in_order, "egr_leak"), EGR, needs=("u_egr",)),
+        Effect("egr.area", "factor", "1", 1.0, 0.1, 0.2, 1.5, "EGR", lacking(in_order, "egr_area"), EGR, needs=("u_egr",)),
+        Effect("eta_vol.factor", "factor", "1", 1.0, 0.03, 0.6, 1.3, "cylinders", lacking(in_order, "eta_vol"), EGR),
+    )  # fmt: skip
+    return {**shared.on_the_reading(), **{effect.id: effect for effect in found}}

@@ -5,7 +5,7 @@ from functools import partial
 from lpvobs.engines.base import EngineKind
 from lpvobs.engines.channels import Below, Exchanged, Suspects, recorded
 from lpvobs.engines.diesel.constants import DieselEngine
-from lpvobs.engines.diesel.effects import pulsating, residual_model
+from lpvobs.engines.diesel.effects import diesel_model, pulsating
 from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.engines.diesel.published import PUBLISHED, drive
 from lpvobs.engines.residual_model import DayToDay
@@ -21,7 +21,9 @@ ENGINE = EngineKind(
     tables={"engine": DieselEngine, "trace": DayToDay},
     recorded=partial(recorded, "components", "diesel"),
     example="diesel.toml",
-    residual_model=residual_model,
+    residual_model=lambda config, path, _healthy, _taught, known: diesel_model(
+        path.engine, config.estimate.tolerance, config.trace, known
+    ),
     plant="nine states",
     published=PUBLISHED,
     known_drive=drive,

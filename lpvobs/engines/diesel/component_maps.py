@@ -23,8 +23,6 @@ SOME_STATE = {
 }  # fmt: skip
 """What a table says nothing of, and its flow does not depend on."""
 LEAST = 1e-5  # [kg/s], standard deviation of a flow near nothing: what is left of the last digit
-T_REFERENCE = Within(200, 400, "K", "temperature that corrected quantities refer to")
-P_REFERENCE = Within(5e4, 1.2e5, "Pa", "pressure that corrected quantities refer to")
 RATIO = Within(1.0, 10.0, "1", "pressure ratio")
 PER_PRESSURE = "kg*K^0.5/(s*kPa)"
 LOAD = Within(-5, 300, "mg/cycle", "injected fuel")
@@ -80,7 +78,8 @@ def turbine_flow(engine: DieselEngine, x: Mapping[str, Array]) -> Array:
 CORRECTED = {
     "corrected_flow": Within(0, 5, "kg/s", "flow of a compressor"),
     "corrected_speed": Within(100, 4e4, "rad/s", "speed of a compressor"),
-    "pressure_ratio": RATIO, "T_reference": T_REFERENCE, "p_reference": P_REFERENCE,
+    "pressure_ratio": RATIO, "T_reference": Within(200, 400, "K", "temperature that corrected quantities refer to"),
+    "p_reference": Within(5e4, 1.2e5, "Pa", "pressure that corrected quantities refer to"),
 }  # fmt: skip
 REDUCED = {
     "reduced_flow": Within(0, 1, PER_PRESSURE, "reduced flow of a compressor"),

@@ -62,8 +62,10 @@ def corrections(c: DieselConstants, x: Mapping[str, Array], rates: Mapping[str, 
     W_ei = intake.cylinder_flow(c, p_im, x["n_e"], x["T_im"])
     nozzle = intake.egr_area(c, x["u_egr"]) * p_em / np.sqrt(T_em * c.R_e)
     W_egr = intake.egr_flow(c, p_im, p_em, x["u_egr"], x["T_im"], T_em)
+    U_c, rise = c.R_c * x["omega_t"], (p_im / x["p_amb"]) ** (1.0 - 1.0 / c.gamma_a) - 1.0
+    Psi_c = np.asarray(2.0 * c.c_pa * x["T_amb"] * rise / U_c**2)
     return (
-        Correction(COMPRESSOR, _free_flow(c, x), on_surface(TIP_SPEED.values, HEAD.values, _tip_speed(c, x), _head(c, x))),
+        Correction(COMPRESSOR, _free_flow(c, x), on_surface(TIP_SPEED.values, HEAD.values, U_c, Psi_c)),
         *(Correction(FILLING, W_ei, weights) for weights in intake.shape_weights(x)),
         Correction(FILLING, W_ei * (p_em / p_im - USUAL_RATIO)),
         Correction(FILLING, intake.per_charge(W_ei, x)),
@@ -121,22 +123,13 @@ def _flow_at(c, p_im, omega_t, p_amb, T_amb):  # type: ignore[no-untyped-def]
 
 def _flow_rate(c: DieselConstants, x: Mapping[str, Array], rates: Mapping[str, Array], *names: str) -> Array:
     """Return how fast the compressor's flow changes [kg/s^2] with the signals named."""
-    near = [
-        compressor_flow(c, {**x, **{name: x[name] + way * INSTANT * rates[name] for name in names}})
-        for way in (1.0, -1.0)
-    ]
-    return (near[0] - near[1]) / (2.0 * INSTANT)
+    steps = {name: INSTANT * rates[name] for name in names}
+    after, before = (
+        compressor_flow(c, {**x, **{n: x[n] + way * step for n, step in steps.items()}}) for way in (1.0, -1.0)
+    )
+    return (after - before) / (2.0 * INSTANT)
 
 
 def _free_flow(c: DieselConstants, x: Mapping[str, Array]) -> Array:
     """Return the compressor's flow without a pressure rise [kg/s]."""
     return compressor_flow(c, {**x, "p_im": x["p_amb"]})
-
-
-def _tip_speed(c: DieselConstants, x: Mapping[str, Array]) -> Array:
-    return c.R_c * x["omega_t"]
-
-
-def _head(c: DieselConstants, x: Mapping[str, Array]) -> Array:
-    rise = (x["p_im"] / x["p_amb"]) ** (1.0 - 1.0 / c.gamma_a) - 1.0
-    return np.asarray(2.0 * c.c_pa * x["T_amb"] * rise / _tip_speed(c, x) ** 2)

@@ -1,25 +1,188 @@
-"""The effects of the contract that a diesel with EGR and VGT may have, and the engine as the loop sees it."""
+"""The balances of a diesel with EGR and VGT, the effects of the contract that it may have, and the engine as the loop sees it."""
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
-from typing import Any
+from math import sqrt
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lpvobs.compiled import njit
 from lpvobs.engines.blocks import Blocks
-from lpvobs.engines.components.effects import EGR, AsFound, found_around, lacks, on_the_intake
-from lpvobs.engines.components.intake import PRESSURE
+from lpvobs.engines.components import intake
+from lpvobs.engines.components.intake import EGR, PRESSURE, AsFound, found_around, on_the_intake
 from lpvobs.engines.curves import Nodes
-from lpvobs.engines.diesel import balances
-from lpvobs.engines.diesel.balances import BALANCES, IN_ORDER, imbalances
-from lpvobs.engines.diesel.constants import DieselEngine, constants_of
-from lpvobs.engines.diesel.corrections import FOLLOWERS, RATIO, VOLUMES
-from lpvobs.engines.effects import BOOST, STEADY, Effect, Signals, gain, reading
-from lpvobs.engines.healthy import HealthyErrors
+from lpvobs.engines.diesel import relations as relation
+from lpvobs.engines.diesel.constants import DieselConstants, DieselEngine, constants_of
+from lpvobs.engines.diesel.corrections import COMPONENTS, FOLLOWERS, RATIO, VOLUMES, corrections
+from lpvobs.engines.effects import BOOST, STEADY, Effect, Signals, gain, lacking, reading
 from lpvobs.engines.residual_model import ComponentCurve, DayToDay, ResidualModel, levels_of
-from lpvobs.engines.unknowns import Unknowns, loop_unknowns
+from lpvobs.engines.unknowns import Correction, Unknowns, loop_unknowns, places_of
 from lpvobs.records import Array
+
+BALANCES = ("compressor", "filling", "exhaust", "turbo")
+CHANNELS = ("n_e", "u_delta", "u_egr", "u_vgt", "p_im", "p_em", "omega_t", "T_im", "T_em", "p_amb", "T_amb", "W_maf")
+RESTRICTED = 0.5
+"""Change of the back pressure's coefficient from which on its solution counts in full; without one, three passes are near."""
+POWER = 1.0e5  # [J/kg] Turns a power into a flow, so that all balances are in kg/s
+
+
+class Lacks(NamedTuple):
+    """Sizes of what the engine's model lacks; the defaults are an engine in order."""
+
+    leak_intake: float = 0.0  # m^2
+    egr_leak: float = 0.0  # m^2
+    egr_area: float = 1.0
+    eta_vol: float = 1.0
+    compressor: float = 1.0
+    turbine: float = 1.0
+    exhaust: float = 1.0
+
+
+IN_ORDER = Lacks()
+OMEGA_T, T_EM, T_AMB, W_MAF = (CHANNELS.index(name) for name in ("omega_t", "T_em", "T_amb", "W_maf"))
+COMPRESSOR, CYLINDERS, EXHAUST_RETURN, T_EM_LAG, OMEGA_T_LAG, W_MAF_LAG = range(6)
+PARTS = {
+    "compressor": COMPRESSOR, "egr": EXHAUST_RETURN, "T_em_lag": T_EM_LAG, "omega_t_lag": OMEGA_T_LAG, "W_maf_lag": W_MAF_LAG,
+    **dict.fromkeys(("eta_vol", "eta_vol_waves", "eta_vol_exhaust", "eta_vol_charge", "eta_vol_heat"), CYLINDERS),
+}  # fmt: skip
+"""What the corrections change: flows of compressor, cylinders and EGR [kg/s], and three signals by their lag [s]."""
+NUDGES = (1e-5, 1e-5, 1e-5, 1e-4, 1e-4, 1e-4)
+"""Steps of difference quotients by these: a flow in ten thousand, and a lag that is short against any transient."""
+
+
+@njit(cache=True)
+def imbalances_of(c: DieselConstants, x: Array, dx: Array, lacks: Array, flows: Array) -> Array:
+    """Return what is left of each balance, shape (4, K) [kg/s]."""
+    # x, dx : (12, K) values and rates in the order of `CHANNELS`; lacks : (7, K) in the order of `Lacks`; flows : (3, K)
+    # what corrections add to the flows of compressor, cylinders and EGR.
+    K = x.shape[1]
+    out = np.empty((4, K))
+    for k in range(K):
+        n_e, u_delta, u_egr, u_vgt = x[0, k], x[1, k], x[2, k], x[3, k]
+        p_im, p_em, omega_t = x[4, k], x[5, k], x[6, k]
+        T_im, T_em, p_amb, T_amb = x[7, k], x[8, k], x[9, k], x[10, k]
+        head = relation.head(c, p_im, p_amb)
+        rho_1 = lacks[4, k] * (relation.rho_1_of(c, head, omega_t, p_amb, T_amb) + flows[0, k] / omega_t)
+        W_c = rho_1 * omega_t
+        W_ei = lacks[3, k] * (intake.rho_3(c, p_im, n_e, T_im) * p_im + flows[1, k])
+        W_egr = lacks[2, k] * (intake.rho_2(c, p_im, p_em, u_egr, T_im, T_em) * p_em + flows[2, k])
+        if lacks[1, k] != 0.0:
+            W_egr += lacks[1, k] * intake.egr_per_area(c, p_im, p_em, T_im, T_em)
+        W_leak = lacks[0, k] * intake.escape(c, p_im, T_im, p_amb, T_amb) if lacks[0, k] != 0.0 else 0.0
+        stored = c.V_im / (c.R_a * T_im) * (dx[4, k] - p_im / T_im * dx[7, k])
+        restricted = c.k_exhaust * lacks[6, k]
+        W_t, Pi_t = turbine(c, restricted, p_em, u_vgt, T_em, p_amb)
+        W_f = intake.cylinder_fuel_flow(c, n_e, u_delta)
+        P_t = lacks[5, k] * relation.turbine_power(c, W_t, Pi_t, omega_t, T_em)
+        P_c = c.J_t * omega_t * omega_t * relation.rho_5(c, rho_1, head, p_im, omega_t, p_amb, T_amb)
+        out[0, k] = x[11, k] - W_c
+        out[1, k] = x[11, k] - (W_ei - W_egr + W_leak + stored)
+        out[2, k] = W_ei + W_f - W_t - W_egr - c.V_em / (c.R_e * T_em) * dx[5, k]
+        out[3, k] = (P_t - P_c - c.J_t * omega_t * dx[6, k]) / POWER
+    return out
+
+
+@njit(cache=True)
+def turbine(
+    c: DieselConstants, k_exhaust: float, p_em: float, u_vgt: float, T_em: float, p_amb: float
+) -> tuple[float, float]:
+    """Return W_t [kg/s] and Pi_t, with a back pressure p_amb + k_exhaust W_t^2 of its own."""
+    # The engine's model makes three passes of the fixed point (`diesel_relations.rho_4`), and so is a clean exhaust here.
+    # With a restriction the passes swing around the solution, or away from it: the more there is of it, the more the
+    # solution counts.
+    scale = c.A_vgt_max * relation.vgt_area_ratio(c, u_vgt) / sqrt(T_em * c.R_e)
+    p_es, W_t, Pi_t = p_amb, 0.0, 0.9999
+    for _ in range(3):
+        Pi_t = min(p_es / p_em, 0.9999)
+        W_t = scale * sqrt(1.0 - Pi_t**c.K_t) * p_em
+        p_es = p_amb + k_exhaust * W_t * W_t
+    if k_exhaust == c.k_exhaust:
+        return W_t, Pi_t
+    share = min(abs(k_exhaust / c.k_exhaust - 1.0) / RESTRICTED, 1.0)
+    solved = expansion(p_amb / p_em, k_exhaust * scale * scale * p_em, c.K_t)
+    Pi_t += share * (solved - Pi_t)
+    return scale * sqrt(1.0 - Pi_t**c.K_t) * p_em, Pi_t
+
+
+@njit(cache=True)
+def expansion(ambient: float, strength: float, K_t: float) -> float:
+    """Return the ratio P with P = ambient + strength (1 - P^K_t): Newton's method, from below where it stays and converges."""
+    P = min(ambient, 0.9999)
+    for _ in range(5):
+        power = P**K_t
+        P += (ambient + strength * (1.0 - power) - P) / (1.0 + strength * K_t * power / P)
+    return min(P, 0.9999)
+
+
+def imbalances(found: AsFound, s: Signals, _: Blocks | None = None) -> Array:
+    """Return what is left of each balance, shape (4, C) [kg/s]."""
+    return _imbalances(found, s, _changes(found, s))
+
+
+def _imbalances(found: AsFound, s: Signals, changes: Array) -> Array:
+    """Return the balances with changes of `PARTS`, shape (6, C)."""
+    x, dx = _stacked(s.value), _stacked(s.rate)
+    # a gas that a slow sensor lags behind is no colder than the air: noise in the rate would take it below zero
+    x[T_EM] = np.maximum(x[T_EM] + changes[T_EM_LAG] * dx[T_EM], np.minimum(x[T_EM], x[T_AMB]))
+    x[OMEGA_T] += changes[OMEGA_T_LAG] * dx[OMEGA_T]
+    x[W_MAF] += changes[W_MAF_LAG] * dx[W_MAF]
+    return np.asarray(imbalances_of(found.constants, x, dx, s.lacks, changes[:T_EM_LAG]))
+
+
+def _changes(found: AsFound, s: Signals) -> Array:
+    """Return what the values of the corrections change, shape (6, C)."""
+    changes = np.zeros((len(NUDGES), s.lacks.shape[1]))
+    if found.values.size:
+        for part, place, sign, correction in _parts(found, s):
+            changes[part] += sign * correction.moved_by(found.values[place])
+    return changes
+
+
+def _parts(found: AsFound, s: Signals) -> Iterator[tuple[int, slice, float, Correction]]:
+    """Yield of every correction what it changes, where its values stand, its sign, and how it moves the flow or the lag."""
+    still = np.zeros(s.lacks.shape[1])
+    moved = corrections(found.constants, s.value, {name: s.rate.get(name, still) for name in CHANNELS})
+    for (name, place), correction in zip(places_of(COMPONENTS).items(), moved, strict=True):
+        part = PARTS[name]
+        own = Correction(None, still + 1.0) if part >= T_EM_LAG else correction
+        sign = -1.0 if part == EXHAUST_RETURN else 1.0  # that flow lowers the one past the sensor
+        yield part, place, sign, own
+
+
+def by_corrections(modes: Array, found: AsFound, s: Signals, _: Blocks | None) -> Array:
+    """Return the derivatives of the balances by modes of the corrections, given as (values, m), shape (m, 4, C)."""
+    changes, along = _changes(found, s), np.zeros((len(NUDGES), s.lacks.shape[1], modes.shape[1]))
+    for part, place, sign, correction in _parts(found, s):
+        along[part] += sign * correction.columns(place.stop - place.start) @ modes[place]
+    at = _imbalances(found, s, changes)
+    derivatives = np.zeros((modes.shape[1], *at.shape))
+    for part, nudge in enumerate(NUDGES):
+        nudged = changes.copy()
+        nudged[part] += nudge
+        derivatives += (_imbalances(found, s, nudged) - at) / nudge * along[part].T[:, None]
+    return derivatives
+
+
+def further(found: AsFound, s: Signals) -> tuple[Array, Array]:
+    """Return what the engine lacks adds to the flows of compressor and filling, (2, N) [kg/s], and to dx/dt, (3, N)."""
+    # The first imbalance is the reading less W_c, the second the reading less what leaves the intake manifold, the third
+    # what enters the exhaust manifold less what leaves it, the fourth the power that is left for the turbocharger's rotor.
+    x, dx = _stacked(s.value), _stacked(s.rate)
+    in_order = np.tile(np.array(IN_ORDER)[:, None], (1, x.shape[1]))
+    c, flows = found.constants, _changes(found, s)[:T_EM_LAG]
+    change = imbalances_of(c, x, dx, s.lacks, flows) - imbalances_of(c, x, dx, in_order, flows)
+    a_1, a_2 = c.R_a * s["T_im"] / c.V_im, c.R_e * s["T_em"] / c.V_em
+    rotor = change[3] * POWER / (c.J_t * np.maximum(s["omega_t"], 1.0))
+    return -change[:2], np.stack([a_1 * (change[1] - change[0]), a_2 * change[2], rotor])
+
+
+def _stacked(channels: Mapping[str, Array]) -> Array:
+    """Return channels in the order of `CHANNELS`; one without a rate stands still."""
+    still = np.zeros(channels[CHANNELS[0]].size)
+    return np.stack([channels.get(name, still) for name in CHANNELS])
+
 
 SPEED = Nodes(np.arange(600.0, 4401.0, 200.0), "rpm", "engine speed")
 TIP_SPEED = Nodes(np.arange(20.0, 461.0, 40.0), "m/s", "tip speed of the compressor")
@@ -27,14 +190,6 @@ COMPRESSION = Nodes(np.array([0.9, 1.1, 1.3, 1.6, 2.0, 2.5, 3.1]), "1", "p_im / 
 OPENING = Nodes(np.arange(5.0, 86.0, 8.0), "%", "EGR valve opening")
 VANES = Nodes(np.arange(20.0, 77.0, 8.0), "%", "opening of the turbine's vanes")
 EXPANSION = Nodes(np.arange(0.3, 1.05, 0.1), "1", "p_amb / p_em")
-# name, effect, deviation before any data and axes with the lengths over which values are correlated, as in `corrections`; the
-# turbine as the compressor, the EGR as a valve whose constants are fitted
-CURVES: Mapping[str, tuple[str, float, Mapping[str, Nodes], tuple[float, float]]] = {
-    "eta_vol.curve": ("eta_vol.factor", 0.03, {"n_e": SPEED, "p_im": PRESSURE}, (500.0, 5e4)),
-    "compressor.curve": ("compressor.flow", 0.04, {"U_c": TIP_SPEED, "p_im/p_amb": COMPRESSION}, (100.0, 0.6)),
-    "egr.curve": ("egr.area", 0.2, {"u_egr": OPENING, "p_im/p_em": RATIO}, (20.0, 0.12)),
-    "turbine.curve": ("turbine.efficiency", 0.04, {"u_vgt": VANES, "p_amb/p_em": EXPANSION}, (20.0, 0.3)),
-}
 INPUTS: Mapping[str, Callable[[AsFound, Mapping[str, Array]], Array]] = {
     "U_c": lambda found, x: found.constants.R_c * x["omega_t"],
     "p_im/p_amb": lambda _, x: x["p_im"] / x["p_amb"],
@@ -42,14 +197,6 @@ INPUTS: Mapping[str, Callable[[AsFound, Mapping[str, Array]], Array]] = {
     "p_amb/p_em": lambda _, x: x["p_amb"] / x["p_em"],
 }
 """Those that are no channels."""
-
-
-def curves(catalogue: Mapping[str, Effect]) -> tuple[ComponentCurve, ...]:
-    """Return the curves of the engine's components, each driving one of the effects."""
-    return tuple(
-        ComponentCurve(name, catalogue[effect], deviation, axes, lengths, INPUTS)
-        for name, (effect, deviation, axes, lengths) in CURVES.items()
-    )
 
 
 PULSATION_SPEED = 2000.0  # [rpm] Speed above which the flow at the sensor no longer pulsates backward
@@ -72,24 +219,41 @@ CATALOGUE = (
     Effect("p_em.gain", "factor", "1", 1.0, 0.01, 0.7, 1.3, "p_em", gain("p_em"), EGR),
     Effect("omega_t.gain", "factor", "1", 1.0, 0.005, 0.8, 1.2, "omega_t", gain("omega_t"), BOOST),
     *(_SHARED[name] for name in ("T_im.lag", "leak.intake", "egr.leak", "egr.area", "eta_vol.factor")),
-    Effect("compressor.flow", "factor", "1", 1.0, 0.03, 0.6, 1.3, "compressor", lacks(_LACKS, "compressor"), BOOST),
-    Effect("turbine.efficiency", "factor", "1", 1.0, 0.03, 0.5, 1.5, "turbine", lacks(_LACKS, "turbine"), BOOST),
-    Effect("exhaust.restriction", "factor", "1", 1.0, 0.5, 0.3, 10.0, "exhaust", lacks(_LACKS, "exhaust"), BOOST),
+    Effect("compressor.flow", "factor", "1", 1.0, 0.03, 0.6, 1.3, "compressor", lacking(_LACKS, "compressor"), BOOST),
+    Effect("turbine.efficiency", "factor", "1", 1.0, 0.03, 0.5, 1.5, "turbine", lacking(_LACKS, "turbine"), BOOST),
+    Effect("exhaust.restriction", "factor", "1", 1.0, 0.5, 0.3, 10.0, "exhaust", lacking(_LACKS, "exhaust"), BOOST),
 )
 """The effects in the order in which they are undone: the last one on the way into the log comes first."""
+_BY_NAME = {effect.id: effect for effect in CATALOGUE}
+CURVES = (
+    ComponentCurve("eta_vol.curve", _BY_NAME["eta_vol.factor"], 0.03, {"n_e": SPEED, "p_im": PRESSURE}, (500.0, 5e4)),
+    ComponentCurve(
+        "compressor.curve", _BY_NAME["compressor.flow"], 0.04,
+        {"U_c": TIP_SPEED, "p_im/p_amb": COMPRESSION}, (100.0, 0.6), INPUTS,
+    ),
+    ComponentCurve(
+        "egr.curve", _BY_NAME["egr.area"], 0.2, {"u_egr": OPENING, "p_im/p_em": RATIO}, (20.0, 0.12), INPUTS
+    ),
+    ComponentCurve(
+        "turbine.curve", _BY_NAME["turbine.efficiency"], 0.04,
+        {"u_vgt": VANES, "p_amb/p_em": EXPANSION}, (20.0, 0.3), INPUTS,
+    ),
+)  # fmt: skip
+"""Curves that drive an effect each: deviations before any data and lengths over which values are correlated as in `corrections`, of
+the turbine as of the compressor, of the EGR as of a valve whose constants are fitted."""
 
 
 def diesel_model(
     engine: DieselEngine, tolerance: Mapping[str, float], day: DayToDay = ANY_DAY, known: Unknowns | None = None
 ) -> ResidualModel:
-    """Return the diesel as the loop sees it, around its configured constants."""
+    """Return the diesel as the loop sees it, around its configured constants; no log teaches any of it."""
     # They are known within a tolerance, as if uniformly distributed; or, with the corrections of the components, as a
     # calibration knows them, relative to where it found them.
     constants, point = constants_of(engine), loop_unknowns(tolerance, known, VOLUMES)
     return ResidualModel(
         balances=BALANCES,
         unit="kg/s",
-        channels=balances.CHANNELS,
+        channels=CHANNELS,
         followers=FOLLOWERS,
         moving=("n_e", "u_delta", "u_egr", "u_vgt", "p_im", "p_em", "omega_t", "T_im", "T_em"),
         fuel="u_delta",
@@ -102,12 +266,12 @@ def diesel_model(
         imbalances=imbalances,
         by_reading=by_reading,
         shown=shown,
-        further=balances.further,
+        further=further,
         catalogue=CATALOGUE,
         carriers=("maf.gain", "maf.offset", "eta_vol.factor", "egr.area", "compressor.flow"),
-        curves=curves({effect.id: effect for effect in CATALOGUE}),
+        curves=CURVES,
         levels=levels_of(day, BALANCES, "kg/s", CATALOGUE),
-        by_unknowns=None if known is None else partial(balances.by_corrections, point.modes),
+        by_unknowns=None if known is None else partial(by_corrections, point.modes),
         adding=point.modes.shape[1],
     )
 
@@ -120,10 +284,3 @@ def by_reading(_: AsFound, s: Signals, __: Blocks | None) -> Array:
 def shown(s: Signals, _: Blocks | None) -> NDArray[np.bool_]:
     """Return that every balance counts everywhere, shape (4, K)."""
     return np.ones((len(BALANCES), s.time.size // 2), dtype=bool)
-
-
-def residual_model(
-    config: Any, path: Any, healthy: HealthyErrors | None, taught: Collection[str], known: Unknowns | None
-) -> ResidualModel:
-    """Return the model of a configuration, with what a calibration knows; no log teaches any of it."""
-    return diesel_model(path.engine, config.estimate.tolerance, config.trace, known)

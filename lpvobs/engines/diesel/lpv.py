@@ -13,9 +13,8 @@ import numpy as np
 
 from lpvobs.compiled import njit
 from lpvobs.engines.base import SPEED_AXIS, AirPath, Balances, Trajectory
-from lpvobs.engines.channels import channels
+from lpvobs.engines.channels import Columns, channels
 from lpvobs.engines.components import intake
-from lpvobs.engines.components.effects import FUEL_AXIS
 from lpvobs.engines.diesel import constants as constant
 from lpvobs.engines.diesel import corrections as correction
 from lpvobs.engines.diesel import relations as relation
@@ -37,7 +36,6 @@ GAS_TOLERANCE, FITTED_TOLERANCE = 0.001, 0.01
 """Of constants of which the configuration says nothing: gases are in tables, what is fitted is good to a hundredth."""
 RELATIVE_STEP = 1e-5
 """Relative step of the difference quotients. Their error is a step times the second derivative, 1e-4 at the steepest."""
-FILLING = ("n_e", "u_egr", "p_im", "p_em", "T_im", "T_em")
 INPUTS = ("n_e", "u_delta", "u_egr", "u_vgt", "p_im", "p_em", "omega_t", "T_im", "T_em", "p_amb", "T_amb")
 
 
@@ -61,7 +59,7 @@ class Diesel(AirPath):
     component_maps = COMPONENT_MAPS
     steep = COMPRESSOR
     volumes = correction.VOLUMES
-    axes = (FUEL_AXIS, SPEED_AXIS)
+    axes = (intake.FUEL_AXIS, SPEED_AXIS)
     channels = channels("components", "diesel")
 
     @cached_property
@@ -102,13 +100,16 @@ class Diesel(AirPath):
         if constant is not None:
             (a_1, _), (a_2, _) = self.rate_bounds({name: (T, T) for name, T in constant.items()}).values()
             E[1] *= a_2 / parameters[6]
-            parameters[5], parameters[6] = a_1, a_2
+            parameters[5:] = [[a_1], [a_2]]
         N = len(log)
         A, C, y = np.zeros((3, 3, N)), np.zeros((len(outputs) + 1, 3, N)), np.empty((len(outputs) + 1, N))
-        _fill_A(parameters, A)
+        rho_1, rho_2, rho_3, rho_4, rho_5, a_1, a_2 = parameters
+        A[0] = -a_1 * rho_3, a_1 * rho_2, a_1 * rho_1  # Eq. (5)
+        A[1, :2] = a_2 * rho_3, -a_2 * (rho_2 + rho_4)  # Eq. (5)
+        A[2, 2] = -rho_5  # Eq. (5)
         for row, channel in enumerate(outputs):
             C[row, STATES.index(channel)] = 1.0  # Eq. (25)
-        C[-1, 2] = parameters[0]  # Eq. (25)
+        C[-1, 2] = rho_1  # Eq. (25)
         for row, channel in enumerate((*outputs, self.sensor)):
             y[row] = log[channel]  # Eq. (7)
         return Trajectory(parameters.T, A.transpose(2, 0, 1), E.T, C.transpose(2, 0, 1), y.T, len(outputs))  # Eq. (24)
@@ -126,17 +127,15 @@ class Diesel(AirPath):
         """Return the measured states, shape (N, 3)."""
         return np.stack([log[state] for state in STATES], axis=1)
 
-    def corrections(self, log: Log, rates: Mapping[str, Array]) -> tuple[Correction, ...]:
+    def corrections(self, log: Log, rates: Columns) -> tuple[Correction, ...]:
         """Return how each of the components moves the balances, given the rates of pressures and temperatures."""
         return correction.corrections(self.constants, log.channels, rates)
 
-    def caution(self, log: Log, noise: Mapping[str, Array], spread: float, learned: bool = False) -> Caution:
+    def caution(self, log: Log, noise: Columns, spread: float, learned: bool = False) -> Caution:
         """Return how far the balances can be relied on, given the noise of calmed channels and the constants' spread."""
         return correction.caution(self.constants, log.channels, noise, spread)
 
-    def balances(
-        self, log: Log, rates: Mapping[str, Array], uncertain: Sequence[str], calm: Mapping[str, Array] | None = None
-    ) -> Balances:
+    def balances(self, log: Log, rates: Columns, uncertain: Sequence[str], calm: Columns | None = None) -> Balances:
         """Return the flow from the compressor and from the filling of the cylinders, and what they owe to each constant.
 
         The log may be smoothed or not; `rates` are those of `p_im` [Pa/s] and `T_im` [K/s]. `calm` has the channels of
@@ -145,15 +144,13 @@ class Diesel(AirPath):
         Compressor: W_c = rho_1 omega_t. Filling: Eq. (1) solved for W_c = W_ei - W_egr + V_im/(R_a T_im) (dp_im/dt -
         p_im/T_im dT_im/dt). Departure from the paper: its Eq. (1) has no term in dT_im/dt.
         """
-        columns = [*(log[name] for name in FILLING), *(np.asarray(rates[name]) for name in ("p_im", "T_im"))]
         calmer, nominal = {**log.channels, **(calm or {})}, self.constants
         flows: tuple[Callable[[DieselConstants], Array], ...]
-        flows = (lambda c: correction.compressor_flow(c, calmer)), (lambda c: filling_flow(c, *columns))
+        flows = (lambda c: correction.compressor_flow(c, calmer)), (lambda c: filling_flow(c, log.channels, rates))
         flow: Array = np.stack([balance(nominal) for balance in flows])
         slope = np.zeros((len(flows), len(uncertain), len(log)))
         for i, name in enumerate(uncertain):
-            value = getattr(nominal, name)
-            shifted = nominal._replace(**{name: value * (1.0 + RELATIVE_STEP)})
+            shifted = nominal._replace(**{name: getattr(nominal, name) * (1.0 + RELATIVE_STEP)})
             for b, balance in enumerate(flows):
                 if name in OWNED_CONSTANTS[b]:
                     slope[b, i] = (balance(shifted) - flow[b]) / RELATIVE_STEP
@@ -192,25 +189,8 @@ def along(c: DieselConstants, columns: tuple[Array, ...]) -> tuple[Array, Array]
     return parameters.T, E.T
 
 
-@njit(cache=True)
-def _fill_A(parameters: Array, A: Array) -> None:
-    for k in range(parameters.shape[1]):
-        a_1, a_2 = parameters[5, k], parameters[6, k]
-        A[0, 0, k] = -a_1 * parameters[2, k]  # Eq. (5)
-        A[0, 1, k] = a_1 * parameters[1, k]  # Eq. (5)
-        A[0, 2, k] = a_1 * parameters[0, k]  # Eq. (5)
-        A[1, 0, k] = a_2 * parameters[2, k]  # Eq. (5)
-        A[1, 1, k] = -a_2 * (parameters[1, k] + parameters[3, k])  # Eq. (5)
-        A[2, 2, k] = -parameters[4, k]  # Eq. (5)
-
-
-@njit(cache=True)
-def filling_flow(c, n_e, u_egr, p_im, p_em, T_im, T_em, dp_im, dT_im):  # type: ignore[no-untyped-def]
-    """Return W_c = W_ei - W_egr + V_im / (R_a T_im) (dp_im - p_im / T_im dT_im), shape (N,) [kg/s]."""
-    flow = np.empty(n_e.size)
-    for k in range(n_e.size):
-        W_ei = intake.rho_3(c, p_im[k], n_e[k], T_im[k]) * p_im[k]  # Eq. (2)
-        W_egr = intake.rho_2(c, p_im[k], p_em[k], u_egr[k], T_im[k], T_em[k]) * p_em[k]  # Eq. (2)
-        stored = c.V_im / (c.R_a * T_im[k]) * (dp_im[k] - p_im[k] / T_im[k] * dT_im[k])
-        flow[k] = W_ei - W_egr + stored  # Eq. (1)
-    return flow
+def filling_flow(c: DieselConstants, x: Columns, rates: Columns) -> Array:
+    """Return W_c = W_ei - W_egr + what fills the intake manifold, shape (N,) [kg/s]."""
+    W_ei = intake.cylinder_flow(c, x["p_im"], x["n_e"], x["T_im"])
+    W_egr = intake.egr_flow(c, x["p_im"], x["p_em"], x["u_egr"], x["T_im"], x["T_em"])
+    return W_ei - W_egr + intake.stored(c, x, rates)  # Eq. (1)

@@ -37,7 +37,7 @@ PUBLISHED = Published(
 
 
 RATE, DURATION = 50.0, 240.0
-P_AMB, T_AMB = 98_000.0, 298.0
+P_AMB, T_AMB, REACH = 98_000.0, 298.0, 7.0e4
 SLOWEST, FASTEST = 500.0, 30_000.0  # [rad/s] Range in which the turbine's speed is sought
 
 
@@ -45,7 +45,9 @@ def drive(engine: DieselEngine, error_at: Callable[[Array, Array], Array]) -> Ma
     """Return every channel of a log, with references; the sensor's error [kg/s] is over fuel [mg/cycle] and speed [rpm]."""
     t = np.arange(round(RATE * DURATION) + 1) / RATE
     load, speed = 0.5 + 0.5 * np.sin(0.61 * t), 0.5 + 0.5 * np.sin(0.083 * t + 0.4)
-    p_im, rise = _pressure(load, speed, t)
+    load_rise, speed_rise = 0.5 * 0.61 * np.cos(0.61 * t), 0.5 * 0.083 * np.cos(0.083 * t + 0.4)
+    reached = 0.3 + 0.7 * speed
+    p_im, rise = 1.05e5 + REACH * load * reached, REACH * (load_rise * reached + load * 0.7 * speed_rise)
     channels = {
         "time": t,
         "n_e": 1000.0 + 2400.0 * speed,
@@ -59,25 +61,13 @@ def drive(engine: DieselEngine, error_at: Callable[[Array, Array], Array]) -> Ma
         "p_amb": np.full_like(t, P_AMB),
         "T_amb": np.full_like(t, T_AMB),
     }
-    flow = _cylinders(engine, channels) + engine.geometry.V_im * rise / (engine.gas.R_a * channels["T_im"])
+    k = engine.filling
+    eta = k.c_vol1 * np.sqrt(p_im) + k.c_vol2 * np.sqrt(channels["n_e"]) + k.c_vol3
+    W_ei = eta * p_im * channels["n_e"] * engine.geometry.V_d / (120.0 * engine.gas.R_a * channels["T_im"])
+    flow = W_ei + engine.geometry.V_im * rise / (engine.gas.R_a * channels["T_im"])
     error = error_at(channels["u_delta"], channels["n_e"])
     turbine = {"omega_t": _turbine_speed(engine, channels, flow), "W_maf": flow + error}
     return channels | turbine | {"ref_W_c": flow, "ref_delta_W_c": error}
-
-
-def _pressure(load: Array, speed: Array, t: Array) -> tuple[Array, Array]:
-    """Return p_im [Pa] and its time derivative."""
-    load_rise, speed_rise = 0.5 * 0.61 * np.cos(0.61 * t), 0.5 * 0.083 * np.cos(0.083 * t + 0.4)
-    reach = 7.0e4
-    reached = 0.3 + 0.7 * speed
-    return 1.05e5 + reach * load * reached, reach * (load_rise * reached + load * 0.7 * speed_rise)
-
-
-def _cylinders(engine: DieselEngine, c: Mapping[str, Array]) -> Array:
-    """Return W_ei of Eq. (2) [kg/s]."""
-    k = engine.filling
-    eta = k.c_vol1 * np.sqrt(c["p_im"]) + k.c_vol2 * np.sqrt(c["n_e"]) + k.c_vol3
-    return np.asarray(eta * c["p_im"] * c["n_e"] * engine.geometry.V_d / (120.0 * engine.gas.R_a * c["T_im"]))
 
 
 def _compressor(engine: DieselEngine, p_im: Array, omega_t: Array) -> Array:

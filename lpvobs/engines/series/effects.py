@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 
 from lpvobs.engines.blocks import Blocks
 from lpvobs.engines.components import intake
-from lpvobs.engines.components.effects import AsFound, found_around, on_the_intake
+from lpvobs.engines.components.intake import AsFound, found_around, on_the_intake
 from lpvobs.engines.effects import SENSOR, Signals
 from lpvobs.engines.healthy import HealthyErrors
 from lpvobs.engines.residual_model import ResidualModel, levels_of
 from lpvobs.engines.series import flows
-from lpvobs.engines.unknowns import Unknowns, loop_unknowns
+from lpvobs.engines.unknowns import Unknowns, loop_unknowns, places_of
+from lpvobs.errors import DataError
 from lpvobs.records import Array
 
 LACKS = {"leak_intake": 0.0, "egr_leak": 0.0, "egr_area": 1.0, "eta_vol": 1.0}
@@ -55,13 +56,10 @@ def _rates(s: Signals) -> Mapping[str, Array]:
 
 def _columns(found: AsFound, s: Signals) -> Array:
     """Return the derivatives of the flows by all values of the corrections, shape (3, C, v)."""
-    parts = zip(flows.COMPONENTS, flows.corrections(found.constants, s.value, _rates(s)), strict=True)
     out = np.zeros((len(flows.BALANCES), s.value["n_e"].size, sum(component.size for component in flows.COMPONENTS)))
-    begin = 0
-    for component, correction in parts:
-        on = correction.on(len(out))
-        out[on, :, begin : begin + component.size] = correction.columns(component.size)
-        begin += component.size
+    moved = flows.corrections(found.constants, s.value, _rates(s))
+    for place, correction in zip(places_of(flows.COMPONENTS).values(), moved, strict=True):
+        out[correction.on(len(out)), :, place] = correction.columns(place.stop - place.start)
     return out
 
 
@@ -115,4 +113,12 @@ def residual_model(
         levels=levels_of(config.trace, flows.BALANCES, "kg/s", CATALOGUE),
         by_unknowns=None if known is None else partial(by_corrections, point.modes),
         adding=point.modes.shape[1],
+    )
+
+
+def confounded(*_: Any) -> Any:
+    """Raise DataError: one balance whose EGR is unknown tells no fault from another."""
+    raise DataError(
+        "engine: engine speed, intake pressure and air flow alone cannot tell faults apart; also record fuel, and the EGR valve's "
+        "position or lambda, and use configs/series.toml; or compare the maps of two days"
     )

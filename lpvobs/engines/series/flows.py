@@ -78,8 +78,7 @@ def egr(c: Any, x: Mapping[str, Array], W_ei: Array) -> tuple[Array, Array]:
 def filling(c: Any, x: Mapping[str, Array], rates: Mapping[str, Array], W_ei: Array) -> Array:
     """Return W_ei - W_egr + V_im / (R_a T_im) (dp_im/dt - p_im / T_im dT_im/dt), valve shut and open, shape (2, n) [kg/s]."""
     shut = x["u_egr"] < SHUT if "u_egr" in x else np.zeros(W_ei.size, dtype=bool)
-    stored = c.V_im / (c.R_a * x["T_im"]) * (rates["p_im"] - x["p_im"] / x["T_im"] * rates["T_im"])
-    flow = W_ei - egr(c, x, W_ei)[0] + stored  # Eq. (1)
+    flow = W_ei - egr(c, x, W_ei)[0] + intake.stored(c, x, rates)  # Eq. (1)
     return np.where([shut, ~shut & steady(x, rates)], flow, np.nan)
 
 

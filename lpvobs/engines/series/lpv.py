@@ -10,14 +10,13 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
-from lpvobs.engines.base import SPEED_AXIS, AirPath, Balances, Trajectory
-from lpvobs.engines.channels import channels
+from lpvobs.engines.base import SPEED_AXIS, AirPath, Balances, MapAxis, Trajectory, trajectory_of
+from lpvobs.engines.channels import Channel, Columns, channels
 from lpvobs.engines.components import intake
-from lpvobs.engines.components.effects import FUEL_AXIS
 from lpvobs.engines.series import flows
 from lpvobs.engines.series.constants import SeriesEngine, constants_of
 from lpvobs.engines.unknowns import Caution, Correction
@@ -72,12 +71,9 @@ class SeriesPath(AirPath):
         c, x = self.constants, log.channels
         T = x["T_im"] if constant is None else np.full(len(log), constant["T_im"])
         W_ei = intake.cylinder_flow(c, x["p_im"], x["n_e"], x["T_im"])
-        parameters = np.stack([W_ei / x["p_im"], c.R_a * T / c.V_im])
-        A, C = (np.moveaxis(np.array(rows), -1, 0) for rows in self.system(list(parameters), outputs))
-        inflow = self.returned(x, W_ei)
-        E = np.stack([parameters[1] * inflow, np.zeros(len(log))], axis=1)
-        y = np.column_stack([log[name] for name in (*outputs, self.sensor)])
-        return Trajectory(parameters.T, A, E, C, y)
+        rho_cyl, a_im = W_ei / x["p_im"], c.R_a * T / c.V_im
+        E = np.stack([a_im * self.returned(x, W_ei), np.zeros(len(log))], axis=1)
+        return trajectory_of(self, [rho_cyl, a_im], E, log, outputs)
 
     @staticmethod
     def system(parameters: Sequence[Any], outputs: Sequence[str]) -> tuple[list[list[Any]], list[list[Any]]]:
@@ -93,9 +89,7 @@ class SeriesPath(AirPath):
         W_ei = intake.cylinder_flow(self.constants, x["p_im"], x["n_e"], x["T_im"])
         return np.stack([x["p_im"], W_ei - self.returned(x, W_ei)], axis=1)
 
-    def balances(
-        self, log: Log, rates: Mapping[str, Array], uncertain: Sequence[str], calm: Mapping[str, Array] | None = None
-    ) -> Balances:
+    def balances(self, log: Log, rates: Columns, uncertain: Sequence[str], calm: Columns | None = None) -> Balances:
         """Return the flows, and what they owe to each constant; NaN where nothing tells it."""
         c, slope = self.constants, np.zeros((len(self.balance_names), len(uncertain), len(log)))
         flow = self.flows(c, log.channels, rates)
@@ -105,10 +99,10 @@ class SeriesPath(AirPath):
         return Balances(self.balance_names, flow, slope)
 
     @abstractmethod
-    def flows(self, c: Any, x: Mapping[str, Array], rates: Mapping[str, Array]) -> Array:
+    def flows(self, c: Any, x: Columns, rates: Columns) -> Array:
         """Return the flow past the sensor by all balances for some constants, shape (B, n) [kg/s]."""
 
-    def returned(self, x: Mapping[str, Array], W_ei: Array) -> Array:
+    def returned(self, x: Columns, W_ei: Array) -> Array:
         """Return the EGR flow, shape (n,) [kg/s]: none where nothing tells it."""
         return np.zeros(W_ei.size)
 
@@ -124,18 +118,18 @@ class Series(SeriesPath):
     components = flows.COMPONENTS
     measured_parts = flows.MEASURED_PARTS
     usual_tolerance = TOLERANCE
-    axes = (FUEL_AXIS, SPEED_AXIS)
+    axes = (intake.FUEL_AXIS, SPEED_AXIS)
     channels = channels("components", "series")
 
-    def flows(self, c: Any, x: Mapping[str, Array], rates: Mapping[str, Array]) -> Array:
+    def flows(self, c: Any, x: Columns, rates: Columns) -> Array:
         """Return the flows of `flows.BALANCES`."""
         return flows.flows(c, x, rates)
 
-    def returned(self, x: Mapping[str, Array], W_ei: Array) -> Array:
+    def returned(self, x: Columns, W_ei: Array) -> Array:
         """Return the EGR flow, shape (n,) [kg/s]; zero where nothing tells it."""
         return np.nan_to_num(flows.egr(self.constants, x, W_ei)[0])
 
-    def corrections(self, log: Log, rates: Mapping[str, Array]) -> tuple[Correction, ...]:
+    def corrections(self, log: Log, rates: Columns) -> tuple[Correction, ...]:
         """Return how each of the components moves the balances."""
         return flows.corrections(self.constants, log.channels, rates)
 
@@ -161,8 +155,43 @@ class Series(SeriesPath):
             "T_em": ("as configured", T_em),
         }
 
-    def caution(self, log: Log, noise: Mapping[str, Array], spread: float, learned: bool = False) -> Caution:
+    def caution(self, log: Log, noise: Columns, spread: float, learned: bool = False) -> Caution:
         """Return full trust, but none in the filling with EGR as long as no calibration knows its flow."""
         told = [learned or name != flows.BALANCES[flows.RECIRCULATED] for name in self.balance_names]
         trust = np.outer(told, np.ones(len(log)))
         return Caution(trust, np.zeros_like(trust))
+
+
+USUAL = channels("components")
+
+
+@dataclass(frozen=True)
+class SpeedDensity(SeriesPath):
+    """A vehicle that says no more than speed, intake manifold and air flow, as if the EGR valve were shut.
+
+    Without fuel and EGR position the map, over speed and pressure, holds the sensor's error less the EGR flow and what the filling
+    is off: all confounded. Maps of the same vehicle on different days differ by what has changed of the three.
+    """
+
+    name = "speed_density"
+    calmed = ("p_im",)
+    smoothed = ("n_e", "p_im", "T_im")
+    balance_names = ("filling",)
+    components = (*intake.SHAPE, intake.CHARGE)
+    axes = (MapAxis("p_im", "Pa", "intake manifold pressure"), SPEED_AXIS)
+    channels: ClassVar[Mapping[str, Channel]] = {name: USUAL[name] for name in ("n_e", "p_im", "T_im", "W_maf")}
+    usual_tolerance: ClassVar[Mapping[str, float]] = {
+        name: TOLERANCE[name] for name in ("R_a", "V_d", "V_im", "c_vol1", "c_vol2", "c_vol3")
+    }
+
+    def corrections(self, log: Log, rates: Columns) -> tuple[Correction, ...]:
+        """Return how the shape of the filling moves it."""
+        x = log.channels
+        W_ei = intake.cylinder_flow(self.constants, x["p_im"], x["n_e"], x["T_im"])
+        shape = (Correction(0, W_ei, weights) for weights in intake.shape_weights(x))
+        return (*shape, Correction(0, intake.per_charge(W_ei, x)))
+
+    def flows(self, c: Any, x: Columns, rates: Columns) -> Array:
+        """Return the flow into the cylinders and the manifold, shape (1, n) [kg/s]."""
+        W_ei = intake.cylinder_flow(c, x["p_im"], x["n_e"], x["T_im"])
+        return np.stack([W_ei + intake.stored(c, x, rates)])  # Eq. (1)

@@ -62,14 +62,11 @@ class Imbalances:
         leak, filling, throttle = s.lacks
         if leak.any():
             into = into + blocks.mean(leak * drawn_per_area(self.engine, s))
-        if "throttle" in part:
-            factor = 1.0 if np.all(throttle == 1.0) else blocks.mean(throttle)
-            out[0] = _log(before) - _log(factor * part["throttle"])
-        if "filling" in part:
-            factor = 1.0 if np.all(filling == 1.0) else blocks.mean(filling)
-            out[1] = _log(into) - _log(factor * part["filling"])
-        if "fuel" in part:
-            out[2] = _log(into) - _log(part["fuel"])
+        flows = {"throttle": (before, throttle), "filling": (into, filling), "fuel": (into, np.ones(1))}
+        for b, (name, (flow, factors)) in enumerate(flows.items()):
+            if name in part:
+                factor = 1.0 if np.all(factors == 1.0) else blocks.mean(factors)
+                out[b] = _log(flow) - _log(factor * part[name])
         if "ambient" in part:
             out[3] = part["ambient"]
         return out

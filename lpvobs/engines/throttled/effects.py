@@ -6,23 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from lpvobs.engines import effects as shared
 from lpvobs.engines.curves import Nodes
-from lpvobs.engines.effects import (
-    ALTITUDE,
-    BOOST,
-    FILTER,
-    SENSOR,
-    STEADY,
-    Change,
-    Effect,
-    Signals,
-    fuel_gain,
-    gain,
-    lacking,
-    offset,
-    on_the_reading,
-    reading,
-)
+from lpvobs.engines.effects import ALTITUDE, BOOST, SENSOR, STEADY, Effect, Signals, fuel_gain, gain, lacking, offset
 from lpvobs.engines.healthy import HealthyErrors
 from lpvobs.engines.residual_model import ComponentCurve, ResidualModel, levels_of
 from lpvobs.engines.throttled import balances
@@ -39,45 +25,43 @@ RATIO = Nodes(np.array([0.2, 0.4, 0.6, 0.8, 0.9, 1.0]), "1", "p_im / p_ic")
 BOTTOM = 0.02  # share of its largest value that a corrected pressure keeps at least
 
 
-def pressure_offset(channel: str) -> Change:
-    """Return the correction of a pressure that reads too much by a constant."""
+def on_a_pressure(channel: str) -> tuple[Effect, Effect]:
+    """Return offset and gain of a pressure's reading."""
 
     def change(s: Signals, shift: float) -> Signals:
         return s.corrected(channel, np.maximum(s[channel] - shift, BOTTOM * float(np.max(np.abs(s[channel])))))
 
-    return change
+    return (
+        Effect(f"{channel}.offset", "offset", "Pa", 0.0, 1e3, -3e4, 3e4, channel, change, BOOST, needs=(channel,)),
+        Effect(f"{channel}.gain", "factor", "1", 1.0, 0.01, 0.5, 1.8, channel, gain(channel), BOOST, needs=(channel,)),
+    )
 
 
 def catalogue(engine: ThrottledEngine) -> tuple[Effect, ...]:
     """Return the effects in the order in which they are undone."""
-    r = on_the_reading()
+    r = shared.on_the_reading()
     surroundings = ("p_amb", "T_amb")
 
     def past_the_sensor(s: Signals, area: float) -> Array:
-        """Return reading over flow: a hole behind the filter takes its share, the depression grows with the squared flow."""
-        density = s["p_amb"] / (engine.air.R_a * s["T_amb"])
-        return np.asarray(1.0 / (1.0 + area * np.sqrt(2.0 * density * FILTER)))
+        """Return reading over flow: a hole behind the filter takes its share."""
+        return np.asarray(1.0 / (1.0 + shared.past_the_filter(s, area, engine.air.R_a)))
 
     return (
         *(r[f"maf.{name}"] for name in ("delay", "lag", "offset", "gain", "drift", "temperature", "contamination")),
         Effect(
-            "leak.inlet", "area", "m^2", 0.0, 3e-5, -3e-5, 1e-3, "sensor", reading(past_the_sensor), ALTITUDE, True,
+            "leak.inlet", "area", "m^2", 0.0, 3e-5, -3e-5, 1e-3, "sensor", shared.reading(past_the_sensor), ALTITUDE, True,
             needs=(SENSOR, *surroundings),
         ),
         fuel_gain("u_delta.gain", "m_f"),
-        Effect("p_im.offset", "offset", "Pa", 0.0, 1e3, -3e4, 3e4, "p_im", pressure_offset("p_im"), BOOST, needs=("p_im",)),
-        Effect("p_im.gain", "factor", "1", 1.0, 0.01, 0.5, 1.8, "p_im", gain("p_im"), BOOST, needs=("p_im",)),
-        Effect("p_ic.offset", "offset", "Pa", 0.0, 1e3, -3e4, 3e4, "p_ic", pressure_offset("p_ic"), BOOST, needs=("p_ic",)),
-        Effect("p_ic.gain", "factor", "1", 1.0, 0.01, 0.5, 1.8, "p_ic", gain("p_ic"), BOOST, needs=("p_ic",)),
+        *on_a_pressure("p_im"),
+        *on_a_pressure("p_ic"),
+        Effect("alpha_th.offset", "offset", "%", 0.0, 0.2, -4.0, 4.0, "throttle", offset("alpha_th"), STEADY, needs=("alpha_th",)),
         Effect(
-            "alpha_th.offset", "offset", "%", 0.0, 0.2, -4.0, 4.0, "throttle", offset("alpha_th"), STEADY, needs=("alpha_th",)
-        ),
-        Effect(
-            "leak.intake", "area", "m^2", 0.0, 1e-6, -1e-6, 6e-5, "intake", lacking(0, LACKS["leak_intake"]), BOOST,
+            "leak.intake", "area", "m^2", 0.0, 1e-6, -1e-6, 6e-5, "intake", lacking(LACKS, "leak_intake"), BOOST,
             needs=("p_im", "T_ic", *surroundings),
         ),
         Effect(
-            "eta_vol.factor", "factor", "1", 1.0, 0.03, 0.5, 1.8, "cylinders", lacking(1, LACKS["eta_vol"]), BOOST,
+            "eta_vol.factor", "factor", "1", 1.0, 0.03, 0.5, 1.8, "cylinders", lacking(LACKS, "eta_vol"), BOOST,
             needs=("p_im", "n_e"),
         ),
     )  # fmt: skip
@@ -87,7 +71,7 @@ def curves(effects: Sequence[Effect]) -> tuple[ComponentCurve, ...]:
     """Return the curves that throttle and filling may have, each driving an effect."""
     filling = next(effect for effect in effects if effect.id == "eta_vol.factor")
     area = Effect(
-        "throttle.factor", "factor", "1", 1.0, 0.05, 0.5, 1.8, "throttle", lacking(2, LACKS["throttle"]), STEADY,
+        "throttle.factor", "factor", "1", 1.0, 0.05, 0.5, 1.8, "throttle", lacking(LACKS, "throttle"), STEADY,
         needs=NEEDS["throttle"],
     )  # fmt: skip
     ratio = {"p_im/p_ic": lambda _, x: x["p_im"] / x["p_ic"]}

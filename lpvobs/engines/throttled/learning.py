@@ -18,7 +18,7 @@ import scipy
 from numpy.typing import NDArray
 
 from lpvobs.engines.blocks import Blocks, blocks_of, transience_of
-from lpvobs.engines.curves import Knowledge, LearnedNumber, slopes, surface_roughness
+from lpvobs.engines.curves import Knowledge, LearnedNumber, differences
 from lpvobs.engines.effects import Signals
 from lpvobs.engines.healthy import CHUNK, FOLDS, QUANTILES, TAIL, HealthyErrors, healthy_errors, parts_of
 from lpvobs.engines.throttled import relations as relation
@@ -61,10 +61,10 @@ def learn(engine: ThrottledEngine, logs: Sequence[Log], use: Sequence[Array] | N
             f"engine takes several minutes of driving; give a longer healthy log"
         )
     rows = [np.concatenate(each) for each in zip(*parts, strict=True)]
-    guesses, priors = zip(*_guesses(engine, [each[:, :-2] for each in rows]), strict=True)
+    beliefs = _guesses(engine, [each[:, :-2] for each in rows])
     level = np.searchsorted(np.quantile(fast, QUANTILES), fast)
-    found, covariance = _solve(engine, rows, guesses, priors, level)
-    ends = np.cumsum([guess.size for guess in guesses])
+    found, covariance = _solve(engine, rows, beliefs, level)
+    ends = np.cumsum([guess.size for guess, _ in beliefs])
     *values, volumes = np.split(found, ends)
     curves = zip(relation.PARTS, values, np.split(np.sqrt(np.diag(covariance)), ends), strict=False)
     calm = CALM * max(float(np.quantile(log["W_maf"], 0.999)) for log in logs)
@@ -94,11 +94,12 @@ def _guesses(engine: ThrottledEngine, curves: Sequence[Array]) -> list[tuple[Arr
     eta_vol = np.full(curves[1].shape[1], 1.0 / np.median(curves[1].sum(1)))  # one level, which fits best in the median
     fuel = _injector(np.repeat(nodes.m_f, len(nodes.fuel_n_e)), curves[2])
     curvatures = (nodes.curvature, nodes.curvature, nodes.fuel_curvature)
-    shapes = [(1, *part.shape(engine))[-2:] for part in relation.PARTS]  # a line has one row
-    return [
-        (guess, np.vstack([surface_roughness(*size) / bent, slopes(*size) / LOOSE, np.eye(guess.size) / (4.0 * LOOSE)]))
-        for guess, bent, size in zip((area, eta_vol, fuel), curvatures, shapes, strict=True)
-    ]
+    beliefs = []
+    for guess, bent, part in zip((area, eta_vol, fuel), curvatures, relation.PARTS, strict=True):
+        size = (1, *part.shape(engine))[-2:]  # a line has one row
+        smooth, flat = differences(2, *size) / bent, differences(1, *size) / LOOSE
+        beliefs.append((guess, np.vstack([smooth, flat, np.eye(guess.size) / (4.0 * LOOSE)])))
+    return beliefs
 
 
 def _injector(m_f: Array, columns: Array) -> Array:
@@ -125,15 +126,11 @@ def _by_node(columns: Array) -> Array:
 
 
 def _solve(
-    engine: ThrottledEngine,
-    rows: Sequence[Array],
-    guesses: Sequence[Array],
-    priors: Sequence[Array],
-    level: NDArray[np.int64],
+    engine: ThrottledEngine, rows: Sequence[Array], beliefs: Sequence[tuple[Array, Array]], level: NDArray[np.int64]
 ) -> tuple[Array, Array]:
     """Return the values of all nodes and the volumes, and the covariance of their relative deviations."""
     # Least squares with weights for long tails, and a scale of its own for each class of transience, shape (blocks,).
-    g = engine.geometry
+    g, (guesses, priors) = engine.geometry, zip(*beliefs, strict=True)
     volume = np.array([g.V_ic, g.V_im])
     start, end = np.concatenate([*guesses, volume]), 0
     balances = []
@@ -145,10 +142,9 @@ def _solve(
     normal_prior = believed.T @ believed
     weights = [np.full(y.size, 1.0 / FIRST_ERROR**2) for _, y in balances]
     for _ in range(PASSES):
-        normal = (
-            normal_prior + sum((X * w[:, None]).T @ X for (X, _), w in zip(balances, weights, strict=True)) / SHARED
-        )
-        right = sum((X * w[:, None]).T @ y for (X, y), w in zip(balances, weights, strict=True)) / SHARED
+        weighted = [((X * w[:, None]).T, X, y) for (X, y), w in zip(balances, weights, strict=True)]
+        normal = normal_prior + sum(XtW @ X for XtW, X, _ in weighted) / SHARED
+        right = sum(XtW @ y for XtW, _, y in weighted) / SHARED
         deviation = np.linalg.solve(normal, right)
         weights = [_robust(y - X @ deviation, level) for X, y in balances]
     found = start * np.maximum(1.0 + deviation, 0.05)

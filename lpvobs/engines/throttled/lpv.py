@@ -13,8 +13,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from lpvobs.engines.base import SPEED_AXIS, AirPath, Balances, MapAxis, Trajectory
-from lpvobs.engines.channels import channels
+from lpvobs.engines.base import SPEED_AXIS, AirPath, Balances, MapAxis, Trajectory, trajectory_of
+from lpvobs.engines.channels import Columns, channels
 from lpvobs.engines.curves import Knowledge
 from lpvobs.engines.throttled import relations as relation
 from lpvobs.engines.throttled.constants import ThrottledEngine
@@ -96,18 +96,10 @@ class Throttled(AirPath):
         learned, R = self._known(), self.engine.air.R_a
         x = log.channels
         T = x["T_ic"] if constant is None else np.full(len(log), constant["T_ic"])
-        parameters = np.stack(
-            [
-                relation.THROTTLE.flow(self.engine, learned, x) / x["p_ic"],
-                relation.FILLING.flow(self.engine, learned, x) / x["p_im"],
-                R * T / learned["V_ic"],
-                R * T / learned["V_im"],
-            ],
-            axis=1,
-        )
-        A, C = self.system(list(parameters.T), outputs)
-        y = np.column_stack([log[channel] for channel in (*outputs, self.sensor)])
-        return Trajectory(parameters, _stacked(A), np.zeros((len(log), 3)), _stacked(C), y)
+        rho_th = relation.THROTTLE.flow(self.engine, learned, x) / x["p_ic"]
+        rho_cyl = relation.FILLING.flow(self.engine, learned, x) / x["p_im"]
+        parameters = [rho_th, rho_cyl, R * T / learned["V_ic"], R * T / learned["V_im"]]
+        return trajectory_of(self, parameters, np.zeros((len(log), 3)), log, outputs)
 
     @staticmethod
     def system(parameters: Sequence[Any], outputs: Sequence[str]) -> tuple[list[list[Any]], list[list[Any]]]:
@@ -124,15 +116,13 @@ class Throttled(AirPath):
         flow = relation.THROTTLE.flow(self.engine, self._known(), log.channels)
         return np.stack([log["p_ic"], log["p_im"], flow], axis=1)
 
-    def caution(self, log: Log, noise: Mapping[str, Array], spread: float, learned: bool = False) -> Caution:
+    def caution(self, log: Log, noise: Columns, spread: float, learned: bool = False) -> Caution:
         """Return full trust in throttle and filling, and next to none in the fuel, which is no measure of air where it is rich."""
         trust = np.ones((len(BALANCES), len(log)))
         trust[BALANCES.index("fuel")] = UNSURE
         return Caution(trust, np.zeros_like(trust))
 
-    def balances(
-        self, log: Log, rates: Mapping[str, Array], uncertain: Sequence[str], calm: Mapping[str, Array] | None = None
-    ) -> Balances:
+    def balances(self, log: Log, rates: Columns, uncertain: Sequence[str], calm: Columns | None = None) -> Balances:
         """Return the flow past the sensor from throttle, filling and fuel, and what each owes to the uncertain constants."""
         # Each is the flow at its place plus what the volumes between sensor and place store; slopes are exact, the flows
         # are linear in the constants.
@@ -155,11 +145,6 @@ class Throttled(AirPath):
                 "engine: the curves of a throttled engine are not configured but learned; give a healthy log"
             )
         return self.learned
-
-
-def _stacked(rows: list[list[Any]]) -> Array:
-    """Return a matrix of channels as (N, rows, columns)."""
-    return np.ascontiguousarray(np.moveaxis(np.array(rows, dtype=float), -1, 0))
 
 
 def in_c(path: Throttled) -> dict[str, float | Array]:

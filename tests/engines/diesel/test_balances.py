@@ -5,7 +5,7 @@ import pytest
 from reference.drives import scattered
 
 from lpvobs.engines.components.intake import escape
-from lpvobs.engines.diesel.balances import BALANCES, CHANNELS, IN_ORDER, Lacks, imbalances_of, turbine
+from lpvobs.engines.diesel.effects import BALANCES, CHANNELS, IN_ORDER, Lacks, imbalances_of, turbine
 from lpvobs.engines.diesel.lpv import Diesel
 
 

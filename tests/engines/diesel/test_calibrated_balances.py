@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from reference.drives import scattered
 
-from lpvobs.engines.diesel.balances import CHANNELS, imbalances
 from lpvobs.engines.diesel.corrections import COMPONENTS
-from lpvobs.engines.diesel.effects import diesel_model
+from lpvobs.engines.diesel.effects import CHANNELS, diesel_model, imbalances
 from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.engines.effects import Signals
 from lpvobs.engines.unknowns import NEGLIGIBLE, unknowns_of

@@ -153,10 +153,9 @@ def test_constants_that_no_balance_owns_owe_nothing(air_path, log):
 
 def _flow(constants, log, rates):
     from lpvobs.engines.diesel.corrections import compressor_flow
-    from lpvobs.engines.diesel.lpv import FILLING, filling_flow
+    from lpvobs.engines.diesel.lpv import filling_flow
 
-    columns = (*(log[name] for name in FILLING), rates["p_im"], rates["T_im"])
-    return compressor_flow(constants, log.channels), filling_flow(constants, *columns)
+    return compressor_flow(constants, log.channels), filling_flow(constants, log.channels, rates)
 
 
 def test_rate_bounds(air_path):
