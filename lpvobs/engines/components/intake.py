@@ -8,7 +8,7 @@ mg/cycle.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import sqrt
-from typing import Annotated, Any
+from typing import Annotated, Any, Protocol
 
 import numpy as np
 
@@ -67,8 +67,23 @@ class Egr:
     k_reverse: Annotated[float, Within(0, 1.5, "1", "share of the area for reverse flow")]
 
 
-Constants = Any
-"""A flat tuple of an engine's constants: those of `Filling` and `Egr`, R_a, R_e, gamma_a, V_d, V_im and n_cyl among them."""
+class Constants(Protocol):
+    """A flat tuple of an engine's constants, these among them."""
+
+    R_a: float
+    R_e: float
+    gamma_a: float
+    V_d: float
+    V_im: float
+    n_cyl: float
+    c_vol1: float
+    c_vol2: float
+    c_vol3: float
+    A_egr_max: float
+    c_egr1: float
+    c_egr2: float
+    pi_egr_opt: float
+    k_reverse: float
 
 
 @njit(cache=True)
