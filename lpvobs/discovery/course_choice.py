@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 
 from lpvobs.compiled import njit
 from lpvobs.discovery import thresholds
-from lpvobs.discovery.companions import cancels
 from lpvobs.discovery.courses import GRADED, TracedCourse, can_be_graded, hystereses, in_time, lags, near, on_course
 from lpvobs.discovery.curves import channel_candidates
 from lpvobs.discovery.evidence import Candidate, fit_candidate, penalty, score, slope_of
-from lpvobs.discovery.linear import Linear, residual_with
+from lpvobs.discovery.linear import Linear, cancels, residual_with
 from lpvobs.discovery.ranking import least_gain
 from lpvobs.discovery.residual import Problem, Term
 from lpvobs.engines.effects import Effect

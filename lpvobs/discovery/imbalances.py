@@ -69,7 +69,11 @@ def imbalances_at(problem: Problem, scenes: Sequence[Scene], beta: Array) -> Arr
 
 def shift(problem: Problem, s: Signals, beta: Array) -> Array:
     """Return what is added to the balances at all columns of the signals, shape (B, C)."""
-    out = problem.offset - level_shift(problem, beta)
+    by_day = problem.patterns.along(beta[beta.size - len(problem.patterns) :])  # with the errors of a healthy engine
+    for log, level, size in problem.on_days(beta):
+        if level.name in problem.model.balances:
+            by_day[problem.model.balances.index(level.name), problem.of_log == log] += size
+    out = problem.offset - by_day
     return out if problem.blocks is not None else np.tile(out, 2) - moved(problem, s)
 
 
@@ -81,15 +85,6 @@ def moved(problem: Problem, s: Signals) -> Array:
             out += np.tile(by_value, 2) * (s[name] - recorded[name])
         if s.rate[name] is not recorded.rate[name]:
             out += np.tile(by_rate, 2) * (s.rate[name] - recorded.rate[name])
-    return out
-
-
-def level_shift(problem: Problem, beta: Array) -> Array:
-    """Return by how much the levels of the day and the errors of a healthy engine shift the balances, shape (B, K)."""
-    out = problem.patterns.along(beta[beta.size - len(problem.patterns) :])
-    for log, level, size in problem.on_days(beta):
-        if level.name in problem.model.balances:
-            out[problem.model.balances.index(level.name), problem.of_log == log] += size
     return out
 
 

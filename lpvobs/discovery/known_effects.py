@@ -183,7 +183,7 @@ def _effect(known_effect: KnownEffect, model: ResidualModel, followed: Callable[
         return driven_by(component, known_effect.surface)
     if known_effect.id.startswith(PREFIX):
         form = parsed(known_effect.id)
-        return form.effect(model, followed(form), abs(known_effect.value), model.units)
+        return form.effect(model, followed(form), abs(known_effect.value))
     if curve is None:
         return catalogued(known_effect.id, model)
     carrier = catalogued(curve.carrier, model)

@@ -149,13 +149,8 @@ class Missing:
     def notes(self) -> list[str]:
         """Return sentences on it."""
         lost = f"Channels that the log lacks: {', '.join(self.channels)}. Balances that need them: {', '.join(self.balances)}."
-        return [
-            lost,
-            *(
-                f"These effects change the same remaining balances and are therefore hard to tell apart: {', '.join(group)}."
-                for group in self.same_place
-            ),
-        ]
+        alike = "These effects change the same remaining balances and are therefore hard to tell apart"
+        return [lost, *(f"{alike}: {', '.join(group)}." for group in self.same_place)]
 
 
 @dataclass(frozen=True)
@@ -217,15 +212,14 @@ class OutcomeOnLog(Output):
 
     def notes(self) -> list[str]:
         """Return what a person should know beside verdict and effects, a sentence each."""
-        agreeing = [item.balance for item in self.balances if not item.affected]
-        moved = [item for item in self.balances if item.affected]
-        said = [item.note() for item in moved]
-        if moved and agreeing:
-            disturbed = ", ".join(item.balance for item in moved)
-            said.insert(
-                0,
-                f"Balances that the effects change: {disturbed}; balances that they leave alone: {', '.join(agreeing)}.",
-            )
+        agreeing = ", ".join(item.balance for item in self.balances if not item.affected)
+        disturbed = ", ".join(item.balance for item in self.balances if item.affected)
+        said = [item.note() for item in self.balances if item.affected]
+        if disturbed and agreeing:
+            said = [
+                f"Balances that the effects change: {disturbed}; balances that they leave alone: {agreeing}.",
+                *said,
+            ]
         unusual = [level for level in self.day_to_day if abs(level.value) > level.usual]
         if unusual:
             levels = ", ".join(f"{level.name} {level.value:+.3g} {level.unit}".rstrip(" 1") for level in unusual)

@@ -243,7 +243,6 @@ def lay_out(
     grid: Grid,
     prior: MapPrior,
     logs: Sequence[Log],
-    coarse: float = thresholds.COARSE,
     wide: float = 1.0,
     spacing: float = thresholds.SPACING,
 ) -> Problem:
@@ -278,7 +277,7 @@ def lay_out(
         block=block,
         first=first,
         begins=clock[first],
-        per_coarse=max(1, round(coarse / length)),
+        per_coarse=max(1, round(thresholds.COARSE / length)),
         auxiliary={
             name: np.concatenate(
                 [_steadied(log, name, log.time[0] + places.time[places.of_log == i]) for i, log in enumerate(logs)]
@@ -290,7 +289,7 @@ def lay_out(
         used=used,
         judged=judged,
         flow=1.0 if model.unit == "kg/s" else float(np.mean(np.maximum(places.signals[SENSOR], 0.0))),
-        wider=lambda: lay_out(model, grid, prior, logs, coarse, thresholds.WIDER, spacing).with_all(),
+        wider=lambda: lay_out(model, grid, prior, logs, thresholds.WIDER, spacing).with_all(),
         lasting=np.ones(shown.shape),
         patterns=Patterns((np.zeros((0, shown.shape[1])),) * len(shown)),
         offset=np.zeros(shown.shape) if model.beyond is None else model.beyond(logs, places.signals, places.blocks),
