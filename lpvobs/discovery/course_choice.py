@@ -190,10 +190,8 @@ def sharpened(linear: Linear, index: int) -> Term:
 def comes_and_goes(linear: Linear, index: int) -> bool:
     """Return whether a term explains clearly more when it acts in several episodes than in the best one interval."""
     # An effect that ends and cancels this one is put aside: together they are a pause.
-    cancelling = [
-        i for i, t in enumerate(linear.terms) if i != index and np.isfinite(t.end) and cancels(linear, i, index)
-    ]
-    gain = advantage(linear, index, cancelling)
+    aside = [i for i, t in enumerate(linear.terms) if i != index and np.isfinite(t.end) and cancels(linear, i, index)]
+    gain = advantage(linear, index, aside)
     acting = _switched_on(gain)
     total = np.concatenate([[0.0], np.cumsum(gain)])
     one = float((total - np.minimum.accumulate(total)).max())

@@ -220,9 +220,8 @@ def gains_of_intervals(linear: Linear, direction: Array) -> Array:
     number = np.arange(S.size)
     blur = np.concatenate([[0.0], np.cumsum(_blur(linear, whitened))])
     usable = number[None] - number[:, None] >= LEAST_LENGTH
-    usable &= information > STRONG * np.sqrt(np.maximum(blur[None] - blur[:, None], 0.0)) + 1e-6 * max(
-        power[0, -1], 1e-300
-    )
+    least = 1e-6 * max(power[0, -1], 1e-300)
+    usable &= information > STRONG * np.sqrt(np.maximum(blur[None] - blur[:, None], 0.0)) + least
     gains = np.zeros(information.shape)
     gains[usable] = 0.5 * (S[None] - S[:, None])[usable] ** 2 / information[usable]
     return gains

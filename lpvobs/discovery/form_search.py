@@ -105,9 +105,8 @@ class _Products:
             i, with_reference = divmod(int(at), 2)
             reference = float(f"{references[i]:.4g}") if with_reference else 0.0
             factors = (*start.factors, replace(self.factors[i], reference=reference))
-            found.setdefault(
-                self.factors[i].signal, _Tried(float(scores[i, with_reference]), replace(start, factors=factors), lot)
-            )
+            tried = _Tried(float(scores[i, with_reference]), replace(start, factors=factors), lot)
+            found.setdefault(self.factors[i].signal, tried)
             if len(found) == thresholds.FORM_RIVALS:
                 break
         return list(found.values())
@@ -210,9 +209,8 @@ def with_inside(linear: Linear, index: int, standard_error: float) -> tuple[floa
         change = problem.over_columns((along_problem(moved, problem) - shape) / step)
         further = form.effect(problem.model, change, size)
         step = thresholds.EFFECT_STEP * term.size
-        columns.append(
-            linear.whiten(change_of(linear, further, step) / thresholds.EFFECT_STEP * term.acts(problem.clock))
-        )
+        slope = change_of(linear, further, step) / thresholds.EFFECT_STEP
+        columns.append(linear.whiten(slope * term.acts(problem.clock)))
     at = linear.p + linear.beta.size + index
     _, known = linear.beside(np.stack(columns))
     spread = np.linalg.inv(known + 1e-9 * np.diag(np.abs(np.diag(known))))
@@ -235,9 +233,8 @@ def _effect(form: Form, problem: Problem, shape: Array) -> Effect:
 
 def _library(problem: Problem) -> _Products:
     """Return every channel that moves, every ratio of two of one unit, and the time, with rates and lags."""
-    values = {
-        name: recorded_at(problem, name) for name in (*problem.measured, *problem.auxiliary) if NAME.fullmatch(name)
-    }
+    channels = (*problem.measured, *problem.auxiliary)
+    values = {name: recorded_at(problem, name) for name in channels if NAME.fullmatch(name)}
     moving = [name for name, x in values.items() if np.std(x) > thresholds.STANDS * abs(np.mean(x))]
     units = problem.model.units
     positive = [name for name in moving if values[name].min() > 0.0 and units.get(name)]

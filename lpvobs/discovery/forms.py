@@ -113,9 +113,8 @@ class Form:
             return apply(s, null + coefficient * shape)
 
         most = thresholds.FORM_MOST * size
-        if (
-            self.relative
-        ):  # a share stays below one anywhere: a reading that is no multiple of the truth divides by zero
+        # A share stays below one anywhere: a reading that is no multiple of the truth divides by zero.
+        if self.relative:
             most = thresholds.FORM_SHARE_MOST / max(float(np.abs(shape).max()), 1e-300)
         moving = ", ".join(sorted({factor.signal for factor in self.factors})) or self.target
         return Effect(
@@ -170,10 +169,7 @@ def recorded_at(problem: Problem, name: str) -> Array:
         return problem.time
     if name in problem.auxiliary:
         return problem.auxiliary[name]
-    values = problem.signals[name]
-    return (
-        problem.blocks.mean(values) if problem.blocks is not None else 0.5 * (values[: problem.K] + values[problem.K :])
-    )
+    return problem.mean(problem.signals[name])
 
 
 def along_log(form: Form, log: Log, time: Array) -> Array:

@@ -110,8 +110,7 @@ def _joint_best(linear: Linear, newest: Candidate, ranked: Sequence[Candidate]) 
     if len(close) == 1:
         return newest
     bare = objective(refit(linear, others))
-    joint_score = {key: _joint_score(linear, others, candidate, bare) for key, candidate in close.items()}
-    return close[max(joint_score, key=lambda key: joint_score[key])]
+    return max(close.values(), key=lambda candidate: _joint_score(linear, others, candidate, bare))
 
 
 def _is_better(linear: Linear, bare: Linear, other: Candidate, own: Candidate) -> bool:

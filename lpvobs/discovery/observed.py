@@ -133,8 +133,7 @@ def _behind_sensor(refined: Refined, log: Log, seen: Observed) -> Observed:
     """Return the correction of the sensor's state in place of reading less flow, with the map's inputs delayed by the same lag."""
     tau = np.zeros(len(log))
     for effect in refined.lags:
-        span = effect.span_on(log)
-        tau += effect.value * ((log.time >= span.begin) & (log.time < span.end))
+        tau += effect.value * effect.span_on(log).covers(log.time)
     correction = refined.correction()
     reading = log[refined.air_path.sensor]
     flows = reading - seen.z

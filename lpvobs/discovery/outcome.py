@@ -12,12 +12,9 @@ from lpvobs.kinds import Finite, Fraction, Output
 from lpvobs.records import Item
 
 Verdict = Annotated[str, Meta(extra_json_schema={"enum": ["effect", "none", "unexplained"]})]
-Onset = Annotated[
-    float | None, Meta(description="time [s] since the start of the log; null: the effect acts from the first sample")
-]
-End = Annotated[
-    float | None, Meta(description="time [s] since the start of the log; null: the effect acts to the last sample")
-]
+SINCE = "time [s] since the start of the log; null: the effect acts"
+Onset = Annotated[float | None, Meta(description=f"{SINCE} from the first sample")]
+End = Annotated[float | None, Meta(description=f"{SINCE} to the last sample")]
 
 
 @dataclass(frozen=True)
@@ -216,10 +213,9 @@ class OutcomeOnLog(Output):
         disturbed = ", ".join(item.balance for item in self.balances if item.affected)
         said = [item.note() for item in self.balances if item.affected]
         if disturbed and agreeing:
-            said = [
-                f"Balances that the effects change: {disturbed}; balances that they leave alone: {agreeing}.",
-                *said,
-            ]
+            said.insert(
+                0, f"Balances that the effects change: {disturbed}; balances that they leave alone: {agreeing}."
+            )
         unusual = [level for level in self.day_to_day if abs(level.value) > level.usual]
         if unusual:
             levels = ", ".join(f"{level.name} {level.value:+.3g} {level.unit}".rstrip(" 1") for level in unusual)

@@ -87,9 +87,7 @@ def refine(
             replace(item, candidate=in_place(after, i, item.candidate), standard_error=float(errors[i]))
             for i, item in enumerate(accepted, len(known))
         )
-        kept = tuple(
-            _kept(after.terms[i], float(errors[i]), known_effect, logs) for i, known_effect in enumerate(known)
-        )
+        kept = tuple(_kept(after.terms[i], float(errors[i]), each, logs) for i, each in enumerate(known))
     found = tuple(known_effect_of(problem, logs, item) for item in accepted)
     findings = tuple(finding_of(logs, item) for item in accepted)
     judged = []
@@ -105,22 +103,20 @@ def refine(
     by_log += [outcome_on(log, own, selection.verdict, named) for log, own in zip(hold_out, judged, strict=True)]
     whole = structure(after)
     left = None if whole.white and not unexplained else leftover(after, logs, whole.correlated_with)
+    described = {} if left is None else left.as_json()
+    ranked = ((c, c.term) for c in selection.ranking)
     result = outcome.Trace(
         verdict=selection.verdict,
         p_value=selection.p_value,
         effects=findings,
         error=outcome.error_output(selection.losses.comparison(), HOW),
-        residual=outcome.ResidualOutput(
-            whole.white, tuple(whole.correlated_with), **({} if left is None else left.as_json())
-        ),
+        residual=outcome.ResidualOutput(whole.white, tuple(whole.correlated_with), **described),
         candidates=_leading(selection) if unexplained else UNSET,
         healthy_drives=() if healthy is None else healthy.logs,
         known_effects=tuple(known_finding(known_effect) for known_effect in kept) or UNSET,
         error_on_held_out_logs=outcome.error_output(pooled_losses(judged).comparison(), HOW_WHOLE) if judged else UNSET,
         logs=tuple(by_log),
-        ranking=tuple(
-            outcome.Ranked(c.id, c.term.size, c.term.effect.unit, c.gain, c.unevenness) for c in selection.ranking
-        ),
+        ranking=tuple(outcome.Ranked(c.id, term.size, term.effect.unit, c.gain, c.unevenness) for c, term in ranked),
         left=left,
     )
     progress(1.0)
@@ -318,9 +314,8 @@ def balance_errors(after: Linear, i: int) -> tuple[outcome.BalanceError, ...]:
         B, A, usual = rms(lost), rms(left), rms(left) if healthy is None else healthy
         moved = named and AFFECTED * usual < B and rms(lost - left) > 0.5 * usual
         recovered = (B - A) / (B - healthy) if moved and healthy is not None else None
-        found.append(
-            outcome.BalanceError(name, model.unit, B, A, healthy, _median(lost), _median(left), moved, recovered)
-        )
+        medians = _median(lost), _median(left)
+        found.append(outcome.BalanceError(name, model.unit, B, A, healthy, *medians, moved, recovered))
     return tuple(found)
 
 

@@ -135,9 +135,7 @@ def _search(problem: Problem, progress: Callable[[float], None], once: Once, wit
         counts = is_proven if len(problem.patterns) else is_relevant
         if any(_same_place_again(c, accepted) for c in (found[0], best) if counts(c, linear)):
             return _Search("unexplained", [], before, before, ranking, accepted)
-        if not is_proven(best, linear):
-            break
-        if any(c.id == best.id for c in accepted):
+        if not is_proven(best, linear) or any(c.id == best.id for c in accepted):
             break
         longer = once(_with_one_more, linear, best, accepted)
         if longer is None:
