@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from lpvobs.api.known_engine import known_engine
-from lpvobs.discovery.healthy_sizes import learned
+from lpvobs.discovery.healthy_learning import learned
 from lpvobs.discovery.residual import MapPrior, free_map, nominal_map
 from lpvobs.discovery.thresholds import HEALTHY_LEAST, HEALTHY_SECONDS
 from lpvobs.engines.residual_model import ResidualModel

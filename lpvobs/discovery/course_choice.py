@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 
 from lpvobs.compiled import njit
 from lpvobs.discovery import thresholds
-from lpvobs.discovery.companions import cancels
 from lpvobs.discovery.courses import GRADED, TracedCourse, can_be_graded, hystereses, in_time, lags, near, on_course
 from lpvobs.discovery.curves import channel_candidates
 from lpvobs.discovery.evidence import Candidate, fit_candidate, penalty, score, slope_of
-from lpvobs.discovery.linear import Linear, residual_with
+from lpvobs.discovery.linear import Linear, cancels, residual_with
 from lpvobs.discovery.ranking import least_gain
 from lpvobs.discovery.residual import Problem, Term
 from lpvobs.engines.effects import Effect
@@ -191,10 +190,8 @@ def sharpened(linear: Linear, index: int) -> Term:
 def comes_and_goes(linear: Linear, index: int) -> bool:
     """Return whether a term explains clearly more when it acts in several episodes than in the best one interval."""
     # An effect that ends and cancels this one is put aside: together they are a pause.
-    cancelling = [
-        i for i, t in enumerate(linear.terms) if i != index and np.isfinite(t.end) and cancels(linear, i, index)
-    ]
-    gain = advantage(linear, index, cancelling)
+    aside = [i for i, t in enumerate(linear.terms) if i != index and np.isfinite(t.end) and cancels(linear, i, index)]
+    gain = advantage(linear, index, aside)
     acting = _switched_on(gain)
     total = np.concatenate([[0.0], np.cumsum(gain)])
     one = float((total - np.minimum.accumulate(total)).max())

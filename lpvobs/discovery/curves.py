@@ -140,9 +140,7 @@ def surface_of(linear: Linear, curve: ComponentCurve, known: Array | None = None
     if known is not None:
         gradient = gradient - normal @ known.reshape(-1)[seen]
         sizes = [max(sizes[-1], float(np.abs(known).max()))]
-    fits = [
-        _smooth(gradient, normal, size, correlation, seen) for correlation in curve.correlations() for size in sizes
-    ]
+    fits = [_smooth(gradient, normal, size, alike, seen) for alike in curve.correlations() for size in sizes]
     net, cost, values, errors = max(fits, key=lambda each: each[0])
     along = (share * values[nodes]).sum(1)
     at = int(np.argmax(np.abs(along) * problem.used))

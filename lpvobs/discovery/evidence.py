@@ -112,7 +112,7 @@ def fit_candidate(
     term = Term(effect, effect.null, begin, end) if like is None else replace(like, effect=effect)
     on = term.acts(linear.problem.clock).astype(float)
     size = effect.null if size is None else size
-    best: tuple[float, float, Array, Array, Array] = (-np.inf, float(size), on, on, on)
+    best: tuple[float, float, Array, Array, Array, Array, float] = (-np.inf, float(size), on, on, on, on, 0.0)
     for _ in range(SIZE_PASSES):
         plain = change_of(linear, effect, size)
         change = linear.whiten(plain * on)
@@ -130,8 +130,8 @@ def fit_candidate(
         slope = linear.whiten(slope_of(linear, effect, size, plain) * on)
         against = linear.products(slope)
         own = linear.project(against)
-        best = (float(gain), float(size), change, slope, answer)
         information = dot(slope, slope) - float(against @ own)
+        best = (float(gain), float(size), change, slope, answer, own, information)
         gradient = dot(slope, linear.residual + change) - against @ (answer + linear.newton_step)
         # Where the derivative is noise, as near the stall of the compressor, the effect may be told at twice the size.
         step = -gradient / information if _is_clear(linear, slope, information) else size - effect.null
@@ -139,25 +139,20 @@ def fit_candidate(
         if information > 0.0 and abs(new - size) * np.sqrt(information) < 1e-2:
             break
         size = new
-    return _judged(linear, replace(term, size=best[1]), best[0], *best[2:])
+    most, size, change, slope, answer, own, information = best
+    left = linear.moved(linear.residual + change, answer + linear.newton_step)
+    information = max(information, 1e-9 * float(np.vdot(slope, slope)), 1e-300)
+    scores = linear.by_block(left, slope) - linear.products_by_block(left) @ own
+    known = _is_clear(linear, slope, information)
+    clock = linear.problem.clock
+    from_start = bool(np.isfinite(term.end)) and term.begin < clock[0] + START * (clock[-1] - clock[0])
+    weighed = _weighed(linear, replace(term, size=size), left, scores if known else None, information)
+    return Candidate(gain=most if known else 0.0, from_start=from_start, **weighed)
 
 
 def _is_clear(linear: Linear, slope: Array, information: float) -> bool:
     """Return whether the information about a size is more than the noise of its derivative."""
     return bool(information > STRONG * np.sqrt(_blur(linear, slope).sum()))
-
-
-def _judged(linear: Linear, term: Term, gain: float, change: Array, slope: Array, answer: Array) -> Candidate:
-    left = linear.moved(linear.residual + change, answer + linear.newton_step)
-    against = linear.products(slope)
-    own = linear.project(against)
-    information = max(dot(slope, slope) - float(against @ own), 1e-9 * float(np.vdot(slope, slope)), 1e-300)
-    scores = linear.by_block(left, slope) - linear.products_by_block(left) @ own
-    known = _is_clear(linear, slope, information)
-    clock = linear.problem.clock
-    from_start = bool(np.isfinite(term.end)) and term.begin < clock[0] + START * (clock[-1] - clock[0])
-    weighed = _weighed(linear, term, left, scores if known else None, information)
-    return Candidate(gain=gain if known else 0.0, from_start=from_start, **weighed)
 
 
 def _weighed(linear: Linear, term: Term, left: Array, scores: Array | None, information: float) -> dict[str, Any]:
@@ -225,9 +220,8 @@ def gains_of_intervals(linear: Linear, direction: Array) -> Array:
     number = np.arange(S.size)
     blur = np.concatenate([[0.0], np.cumsum(_blur(linear, whitened))])
     usable = number[None] - number[:, None] >= LEAST_LENGTH
-    usable &= information > STRONG * np.sqrt(np.maximum(blur[None] - blur[:, None], 0.0)) + 1e-6 * max(
-        power[0, -1], 1e-300
-    )
+    least = 1e-6 * max(power[0, -1], 1e-300)
+    usable &= information > STRONG * np.sqrt(np.maximum(blur[None] - blur[:, None], 0.0)) + least
     gains = np.zeros(information.shape)
     gains[usable] = 0.5 * (S[None] - S[:, None])[usable] ** 2 / information[usable]
     return gains

@@ -1,4 +1,4 @@
-"""The joint fit of map, constants and effects by Gauss-Newton steps, with weights made from the residual."""
+"""The joint fit of map, constants and effects by Gauss-Newton steps, with weights made from the residual; errors of the sizes."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -8,10 +8,11 @@ import scipy
 from numpy.typing import NDArray
 
 from lpvobs.discovery import imbalances
-from lpvobs.discovery.linear import Linear, dot, map_normal, scatter
+from lpvobs.discovery.linear import Linear, dot, on_nodes
 from lpvobs.discovery.noise import Noise, Scatter, first_noise, noise_of
 from lpvobs.discovery.residual import Problem, Term
-from lpvobs.discovery.thresholds import ANEW, EFFECT_STEP, FARTHEST, MOST_STEPS, PIN, STILL, WIDEST
+from lpvobs.discovery.thresholds import ANEW, EFFECT_STEP, FARTHEST, MOST_STEPS, PIN, SHAPE, STILL, WIDEST
+from lpvobs.maps.excitation import cell_numbers
 from lpvobs.records import Array
 
 
@@ -188,13 +189,13 @@ def normal_of(linear: Linear, instants: NDArray[np.int64] | slice = slice(None))
         both = np.vstack([D, J[:, 0]])
         return np.asarray(both @ both.T)
     column, nodes = linear.mapped[:, instants], (linear.nodes[0][instants], linear.nodes[1][instants])
-    H = map_normal(linear.p, *nodes, (column**2).sum(0))
-    between = _on_nodes(linear.p, nodes, -(column * linear.columns[:, 0][..., instants]).sum(1))
+    H = _map_normal(linear.p, nodes, (column**2).sum(0))
+    between = on_nodes(nodes, -(column * linear.columns[:, 0][..., instants]).sum(1), linear.p)
     own = np.block([[H, between.T], [between, J[:, 0] @ J[:, 0].T - J[:, 1] @ J[:, 1].T]])
     if not isinstance(linear.noise, Scatter) or not len(linear.problem.patterns):
         return own
     patterns, back = linear.problem.patterns.at(instants), linear.noise.dual
-    on_map = _on_nodes(linear.p, nodes, patterns.times(back(linear.mapped)[:, instants]))
+    on_map = on_nodes(nodes, patterns.times(back(linear.mapped)[:, instants]), linear.p)
     with_own = [-patterns.sums(row) for row in back(linear.columns[:, 0])[..., instants]]
     across = np.hstack([on_map, np.reshape(with_own, (len(with_own), len(patterns))).T])
     whole = np.block([[own, across.T], [across, patterns.gram(linear.noise.precision[..., instants])]])
@@ -203,12 +204,11 @@ def normal_of(linear: Linear, instants: NDArray[np.int64] | slice = slice(None))
     return np.asarray(whole[np.ix_(order, order)])
 
 
-def _on_nodes(p: int, nodes: imbalances.Nodes, rows: Array) -> Array:
-    """Return rows of values along the places, summed over the nodes of their cells, shape (n, p)."""
-    found, one = np.zeros((len(rows), p)), np.zeros(rows.shape[1], dtype=np.int64)
-    for own, row in zip(found, rows, strict=True):
-        scatter(own[None], one, *nodes, row)
-    return found
+def _map_normal(p: int, nodes: imbalances.Nodes, information: Array) -> Array:
+    """Return the normal matrix of the map, shape (p, p)."""
+    pairs = nodes[0][:, :, None] * p + nodes[0][:, None, :]
+    shares = (information[:, None] * nodes[1])[:, :, None] * nodes[1][:, None, :]
+    return np.asarray(np.bincount(pairs.ravel(), shares.ravel(), minlength=p * p).reshape(p, p), dtype=float)
 
 
 def cholesky(matrix: Array) -> Array:
@@ -220,3 +220,69 @@ def cholesky(matrix: Array) -> Array:
         except np.linalg.LinAlgError:
             continue
     return np.asarray(np.sqrt(scale))
+
+
+def standard_errors(linear: Linear) -> Array:
+    """Return the standard error of the size of every effect in a model, shape (terms,).
+
+    Noise and model error show in how the sums of the size's score vary from stretch to stretch of the drive and from cell to cell
+    of the map. Where they vary more than noise explains, the larger variance holds (a cluster-robust variance). The constants'
+    tolerance enters through their prior. Pinned constants are included: a constant at the end of its tolerance is not known any
+    better for that. Noise in curved balances and blur within the window both bias a size. One bias falls with the width of the
+    window, the other grows. The same model is therefore fitted through windows of another width, and half the squared difference
+    of the two sizes is the variance between windows, as for two draws of one random effect.
+
+    Where healthy drives tell, the engine is not the model, and a cause is not quite the catalogue's. What its shape is off by
+    then moves the size by the square of that share.
+
+    The variance between windows has a single degree of freedom, the others have those of the stretches. The quantile is Student's
+    with the degrees of freedom of the sum (Satterthwaite). The standard error is scaled so that the normal quantile gives the
+    same interval.
+    """
+    if not linear.terms:
+        return np.empty(0)
+    prior = prior_precision(linear.problem, linear.terms)
+    free = replace(linear, factor=cholesky(linear.normal - pins(linear)))
+    within = np.array([_variance(linear, free.row(i), prior, i) for i in range(len(linear.terms))])
+    within += [linear.problem.seems(term, 1.0 / own) * own for term, own in zip(linear.terms, within, strict=True)]
+    if len(linear.problem.patterns):
+        within += [(SHAPE**2 * (term.size - term.effect.null)) ** 2 for term in linear.terms]
+    return np.sqrt(widened(within, max(linear.problem.coarse_blocks - 1.0, 1.0), 0.5 * between_windows(linear) ** 2))
+
+
+def widened(within: Array, degrees: float, between: Array) -> Array:
+    """Return the variance of a normal distribution whose 90 % interval is that of a sum of estimated variances.
+
+    That within has some degrees of freedom, that between has one.
+    """
+    total = within + between
+    effective = total**2 / np.maximum(within**2 / degrees + between**2, np.finfo(float).tiny)
+    student, normal = scipy.stats.t.ppf(0.95, effective), scipy.stats.norm.ppf(0.95)
+    return np.asarray(total * (student / normal) ** 2)
+
+
+def between_windows(linear: Linear) -> Array:
+    """Return the difference of the sizes that wider windows give, shape (terms,)."""
+    if linear.problem.blocks is not None:  # blocks take storage as a difference between edges, and no window blurs it
+        return np.zeros(len(linear.terms))
+    wider = linear.problem.wider()
+    there = linearised(wider, linear.terms, linear.theta, linear.beta, linear.noise.only(wider.used), linear.pinned)
+    return np.array([b.size - a.size for a, b in zip(linear.terms, converged(there).terms, strict=True)])
+
+
+def _variance(linear: Linear, row: Array, prior: Array, index: int) -> float:
+    """Return the variance of one size for a given window; `row` is its covariance with all unknowns without model error."""
+    problem, plain = linear.problem, float(row[linear.p + linear.beta.size + index])
+    left = linear.moved(linear.residual, linear.newton_step)
+    along = -linear.moved(np.zeros_like(left), row)
+    scores = (along[0] * left[0] - along[1] * left[1]).sum(0)
+    known = float(row @ prior @ row)
+    cells = cell_numbers(problem.grid, linear.nodes[0])
+    return known + max(plain - known, spread_of_sums(scores, problem.coarse), spread_of_sums(scores, cells))
+
+
+def spread_of_sums(scores: Array, group: NDArray[np.int64]) -> float:
+    """Return the variance of a sum whose parts by group are independent, from those parts; the sum itself is zero."""
+    sums = np.bincount(group, scores)
+    sums = sums[np.bincount(group, scores != 0.0) > 0]
+    return float(sums @ sums) * sums.size / max(sums.size - 1, 1)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import scipy
@@ -24,6 +25,7 @@ from lpvobs.discovery.residual import Problem
 from lpvobs.engines.effects import SENSOR, Effect
 from lpvobs.records import Array
 
+Number = tuple[float, str, float]  # a value, its unit and its standard error
 COARSE_STEPS = (0.7, 0.84, 1.19, 1.41)
 FINE_STEPS = (0.92, 0.96, 1.04, 1.08)  # factors on the lag of a form that are tried around the best one
 
@@ -72,16 +74,13 @@ class _Products:
     problem: Problem
     first: NDArray[np.int64]  # (P,) first places of the pools
     names: tuple[str, ...]  # of channels, ratios and the time
-    factors: tuple[Factor, ...]
-    shapes: Array  # (M, P)
-    middle: Array  # (M,)
-    spread: Array  # (M,)
+    factors: tuple[Factor, ...]  # M factors to try
     count: float  # forms that compete
 
-    def with_factors(self, factors: Sequence[Factor]) -> "_Products":
-        """Return the same with other factors to try."""
-        shapes = np.stack([_along_pools(Form("", (factor,)), self.problem, self.first) for factor in factors])
-        return replace(self, factors=tuple(factors), shapes=shapes, middle=shapes.mean(1), spread=shapes.std(1))
+    @cached_property
+    def shapes(self) -> Array:
+        """The factors along the pools, shape (M, P)."""
+        return np.stack([_along_pools(Form("", (factor,)), self.problem, self.first) for factor in self.factors])
 
     def price(self, unknowns: Array | int, gain: Array | float) -> Array:
         """Return what a form must gain before it counts: the search, and what the data must tell beside the coefficient."""
@@ -92,12 +91,13 @@ class _Products:
         """Return the best forms that have one factor more, with or without a reference, each of another signal."""
         y = _along_pools(replace(start, target=""), self.problem, self.first)
         plain, referred, references = lot.gains(y, self.shapes)
+        middle, spread = self.shapes.mean(1), self.shapes.std(1)
         unknowns = np.array([replace(start, factors=(*start.factors, factor)).unknowns for factor in self.factors])
         lasts = np.array([factor.of != "rate" for factor in self.factors])
-        far = np.abs(references - self.middle) > thresholds.FORM_REACH * self.spread
+        far = np.abs(references - middle) > thresholds.FORM_REACH * spread
         scores = np.stack([plain - self.price(unknowns, plain), referred - self.price(unknowns + 1, referred)], axis=1)
         scores[far | ~lasts, 1] = -np.inf
-        scores[self.spread < thresholds.FORM_FLAT * np.abs(self.middle), 0] = -np.inf
+        scores[spread < thresholds.FORM_FLAT * np.abs(middle), 0] = -np.inf
         if Factor(start.target) in self.factors and not start.factors:  # a share of the reading, which `alone` judges
             scores[self.factors.index(Factor(start.target)), 0] = -np.inf
         found: dict[str, _Tried] = {}
@@ -105,9 +105,8 @@ class _Products:
             i, with_reference = divmod(int(at), 2)
             reference = float(f"{references[i]:.4g}") if with_reference else 0.0
             factors = (*start.factors, replace(self.factors[i], reference=reference))
-            found.setdefault(
-                self.factors[i].signal, _Tried(float(scores[i, with_reference]), replace(start, factors=factors), lot)
-            )
+            tried = _Tried(float(scores[i, with_reference]), replace(start, factors=factors), lot)
+            found.setdefault(self.factors[i].signal, tried)
             if len(found) == thresholds.FORM_RIVALS:
                 break
         return list(found.values())
@@ -176,11 +175,11 @@ def _refined(linear: Linear, library: _Products, form: Form) -> _Tried:
     """Return a form with its lag sought more finely, and the reference that goes with it, at every place."""
     each = replace(library, first=np.arange(linear.problem.K))
     lot, start = _lot(linear, Form(form.target), each.first), replace(form, factors=form.factors[:-1])
-    best = each.with_factors([replace(form.factors[-1], reference=0.0)]).best(lot, start)[0]
+    best = replace(each, factors=(replace(form.factors[-1], reference=0.0),)).best(lot, start)[0]
     for steps in (COARSE_STEPS, FINE_STEPS) if form.factors[-1].of == "lag" else ():
         last = best.form.factors[-1]
-        taus = [replace(last, tau=float(f"{last.tau * step:.3g}"), reference=0.0) for step in steps]
-        best = (_leading([best, *each.with_factors(taus).best(lot, start)], 1) or [best])[0]
+        finer = tuple(replace(last, tau=float(f"{last.tau * step:.3g}"), reference=0.0) for step in steps)
+        best = (_leading([best, *replace(each, factors=finer).best(lot, start)], 1) or [best])[0]
     return best
 
 
@@ -193,36 +192,25 @@ def _fitted(linear: Linear, library: _Products, form: Form, start: float) -> Can
     return replace(best, gain=gain - float(library.price(form.unknowns, max(gain, 0.0))))
 
 
-@dataclass(frozen=True)
-class Inside:
-    """A number inside the last factor of a form, with its standard error."""
-
-    name: str
-    value: float
-    error: float
-    unit: str
-
-
-def with_inside(linear: Linear, index: int, standard_error: float) -> tuple[float, list[Inside]]:
-    """Return the standard error of a form's coefficient with its lag and reference unknown, too, and these with theirs."""
+def with_inside(linear: Linear, index: int, standard_error: float) -> tuple[float, dict[str, Number]]:
+    """Return the standard error of a form's coefficient with its lag and reference unknown, too, and these by name."""
     problem, term = linear.problem, linear.terms[index]
     form = parsed(term.effect.id)
     last = form.factors[-1] if form.factors else Factor("")
     units = {"reference": unit_of(last.signal, problem.model.units), "tau": "s"}
     names = [name for name in units if getattr(last, name)]
     if not names:
-        return standard_error, []
+        return standard_error, {}
     shape, size = along_problem(form, problem), term.effect.size
     columns = []
     for name in names:
         step = 0.01 * getattr(last, name)
         moved = replace(form, factors=(*form.factors[:-1], replace(last, **{name: getattr(last, name) + step})))
         change = problem.over_columns((along_problem(moved, problem) - shape) / step)
-        further = form.effect(problem.model, change, size, problem.model.units)
+        further = form.effect(problem.model, change, size)
         step = thresholds.EFFECT_STEP * term.size
-        columns.append(
-            linear.whiten(change_of(linear, further, step) / thresholds.EFFECT_STEP * term.acts(problem.clock))
-        )
+        slope = change_of(linear, further, step) / thresholds.EFFECT_STEP
+        columns.append(linear.whiten(slope * term.acts(problem.clock)))
     at = linear.p + linear.beta.size + index
     _, known = linear.beside(np.stack(columns))
     spread = np.linalg.inv(known + 1e-9 * np.diag(np.abs(np.diag(known))))
@@ -231,7 +219,7 @@ def with_inside(linear: Linear, index: int, standard_error: float) -> tuple[floa
     scale = standard_error / np.sqrt(alone)
     more = max(float(together @ spread @ together), 0.0)
     errors = scale * np.sqrt(np.maximum(np.diag(spread), 0.0))
-    inside = [Inside(n, getattr(last, n), float(e), units[n]) for n, e in zip(names, errors, strict=True)]
+    inside = {name: (getattr(last, name), units[name], float(e)) for name, e in zip(names, errors, strict=True)}
     return float(scale * np.sqrt(alone + more)), inside
 
 
@@ -240,15 +228,13 @@ def _effect(form: Form, problem: Problem, shape: Array) -> Effect:
     size = catalogued.size if catalogued else thresholds.FORM_NOTICED
     if catalogued is None and not form.relative:
         size *= rms(recorded_at(problem, form.target))
-    units = problem.model.units
-    return form.effect(problem.model, problem.over_columns(shape), size / max(rms(shape), 1e-300), units)
+    return form.effect(problem.model, problem.over_columns(shape), size / max(rms(shape), 1e-300))
 
 
 def _library(problem: Problem) -> _Products:
     """Return every channel that moves, every ratio of two of one unit, and the time, with rates and lags."""
-    values = {
-        name: recorded_at(problem, name) for name in (*problem.measured, *problem.auxiliary) if NAME.fullmatch(name)
-    }
+    channels = (*problem.measured, *problem.auxiliary)
+    values = {name: recorded_at(problem, name) for name in channels if NAME.fullmatch(name)}
     moving = [name for name, x in values.items() if np.std(x) > thresholds.STANDS * abs(np.mean(x))]
     units = problem.model.units
     positive = [name for name in moving if values[name].min() > 0.0 and units.get(name)]
@@ -256,11 +242,11 @@ def _library(problem: Problem) -> _Products:
     names = (*moving, *ratios, TIME)
     dynamic = [Factor(name, "rate") for name in names[:-1]]
     dynamic += [Factor(name, "lag", tau) for name in names[:-1] for tau in thresholds.FORM_LAGS]
-    factors = [*(Factor(name) for name in names), *dynamic]
+    factors = (*(Factor(name) for name in names), *dynamic)
     count = 2.0 * len(problem.measured) * len(names) * len(factors)
-    none, pool = np.empty(0), max(1, int(0.5 * thresholds.FORM_CALM / problem.spacing))
+    pool = max(1, int(0.5 * thresholds.FORM_CALM / problem.spacing))
     first = np.flatnonzero((np.diff(problem.of_log, prepend=-1) != 0) | (np.arange(problem.K) % pool == 0))
-    return _Products(problem, first, names, (), none, none, none, count).with_factors(factors)
+    return _Products(problem, first, names, factors, count)
 
 
 def _targets(problem: Problem) -> list[Form]:

@@ -90,17 +90,17 @@ class Form:
         each = [f.along(recorded, time) for f in self.factors[self.relative :]]
         return np.asarray(np.prod([np.ones(time.size), *each], axis=0))
 
-    def unit(self, model: ResidualModel, units: Mapping[str, str]) -> str:
+    def unit(self, model: ResidualModel) -> str:
         """Return the unit of its coefficient, which makes the product one of the target's unit."""
         catalogued = model.effect(self.target)
-        unit = catalogued.unit if catalogued else "1" if self.relative else unit_of(self.target, units)
+        unit = catalogued.unit if catalogued else "1" if self.relative else unit_of(self.target, model.units)
         for factor in self.factors[self.relative :]:
-            each = unit_of(factor.signal, units) + ("/s" if factor.of == "rate" else "")
+            each = unit_of(factor.signal, model.units) + ("/s" if factor.of == "rate" else "")
             over = each if re.fullmatch(r"\w+", each) else f"({each})"
             unit = "1" if each == unit else unit if each == "1" else f"{unit}/{over}"
         return unit
 
-    def effect(self, model: ResidualModel, shape: Array, size: float, units: Mapping[str, str]) -> Effect:
+    def effect(self, model: ResidualModel, shape: Array, size: float) -> Effect:
         """Return it as an effect; `shape`, (C,), is what `along` gives at the columns of the signals, `size` a noticeable one."""
         catalogued = model.effect(self.target)
         if catalogued is not None:
@@ -112,15 +112,13 @@ class Form:
         def change(s: Signals, coefficient: float) -> Signals:
             return apply(s, null + coefficient * shape)
 
+        most = thresholds.FORM_MOST * size
         # A share stays below one anywhere: a reading that is no multiple of the truth divides by zero.
-        most = (
-            thresholds.FORM_MOST * size
-            if not self.relative
-            else thresholds.FORM_SHARE_MOST / max(float(np.abs(shape).max()), 1e-300)
-        )
+        if self.relative:
+            most = thresholds.FORM_SHARE_MOST / max(float(np.abs(shape).max()), 1e-300)
         moving = ", ".join(sorted({factor.signal for factor in self.factors})) or self.target
         return Effect(
-            self.id(units), "coefficient", self.unit(model, units), 0.0, size, -most, most, place, change,
+            self.id(model.units), "coefficient", self.unit(model), 0.0, size, -most, most, place, change,
             f"drives with changes of {moving} that are independent of the other channels",
             moves_point=self.target in (model.fuel, model.speed),
         )  # fmt: skip
@@ -171,10 +169,7 @@ def recorded_at(problem: Problem, name: str) -> Array:
         return problem.time
     if name in problem.auxiliary:
         return problem.auxiliary[name]
-    values = problem.signals[name]
-    return (
-        problem.blocks.mean(values) if problem.blocks is not None else 0.5 * (values[: problem.K] + values[problem.K :])
-    )
+    return problem.mean(problem.signals[name])
 
 
 def along_log(form: Form, log: Log, time: Array) -> Array:

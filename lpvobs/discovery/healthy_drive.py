@@ -165,14 +165,8 @@ class HealthyDrive:
     def unchanged(self, model: ResidualModel) -> ResidualModel:
         """Return the engine as it was on the healthy drives: nothing of it is unknown."""
         constants = model.with_unknowns(np.zeros(len(model.names)))
-        return replace(
-            model,
-            names=(),
-            adding=0,
-            covariance=np.zeros((0, 0)),
-            with_unknowns=lambda _: constants,
-            by_unknowns=None,
-        )
+        none = np.zeros((0, 0))
+        return replace(model, names=(), adding=0, covariance=none, with_unknowns=lambda _: constants, by_unknowns=None)
 
 
 def where_the_map_stands(problem: Problem) -> Problem:

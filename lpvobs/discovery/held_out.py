@@ -154,9 +154,7 @@ def _scale(linear: Linear) -> float:
     return float(linear.problem.flow * np.sqrt(1.0 / np.mean((root**2).sum((1, 2)))))
 
 
-def losses_on_unseen(
-    models: tuple[Linear, Linear], terms: tuple[Sequence[Term], Sequence[Term]], unseen: Problem
-) -> Losses:
+def losses_on_unseen(models: tuple[Linear, Linear], terms: Sequence[Sequence[Term]], unseen: Problem) -> Losses:
     """Return the losses of the model before and after on an unseen log.
 
     `terms` are the effects of either model as they act on this log. Only the levels of its day are fitted, where days differ.
@@ -180,20 +178,20 @@ def _with_its_levels(
     """Return the residual of a model on another log, shape (B, K), with the fitted levels of its day, and the map's nodes."""
     q = len(unseen.model.names)
     beta = np.concatenate([linear.beta[:q], np.zeros(unseen.spread.size - q)])
-    for _ in range(thresholds.PASSES if unseen.spread.size > q else 0):
+    passes = thresholds.PASSES if unseen.spread.size > q else 0
+    for left in range(passes, -1, -1):
         scenes = imbalances.scenes_with(unseen, terms, beta)
         nodes = imbalances.operating_nodes(unseen, scenes)
+        raw = imbalances.residual_of(unseen, scenes, beta, linear.theta, nodes)[0]
+        if left == 0:
+            break
         each = imbalances.imbalances_at(unseen, scenes, beta)
         columns = weight * imbalances.by_unknowns(unseen, scenes, terms, beta, each)[q:, 0]
-        raw = weight * imbalances.residual_of(unseen, scenes, beta, linear.theta, nodes)[0]
-        gram, product = _with_patterns(columns, raw, weight, unseen.patterns)
+        gram, product = _with_patterns(columns, weight * raw, weight, unseen.patterns)
         prior = np.diag(unseen.spread[q:] ** -2.0)
         shared = thresholds.LEVEL_SHARE  # neighbouring places share their errors
-        step = np.linalg.solve(shared * gram + prior, shared * product + prior @ beta[q:])
-        beta[q:] -= step
-    scenes = imbalances.scenes_with(unseen, terms, beta)
-    nodes = imbalances.operating_nodes(unseen, scenes)
-    return imbalances.residual_of(unseen, scenes, beta, linear.theta, nodes)[0], nodes
+        beta[q:] -= np.linalg.solve(shared * gram + prior, shared * product + prior @ beta[q:])
+    return raw, nodes
 
 
 def _with_patterns(columns: Array, raw: Array, weight: Array, patterns: Patterns) -> tuple[Array, Array]:

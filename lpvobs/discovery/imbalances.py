@@ -12,8 +12,8 @@ from lpvobs.engines.effects import SENSOR, Effect, Signals
 from lpvobs.records import Array
 
 Nodes = tuple[NDArray[np.int64], Array]
-Scene = tuple[NDArray[np.bool_] | None, Signals]
-"""Signals with effects accounted for, and the places that they hold at, shape (K,); None for all."""
+Scene = tuple[NDArray[np.bool_], Signals]
+"""Signals with effects accounted for, and the places that they hold at, shape (K,); a single `True` for all."""
 
 
 def scenes_with(problem: Problem, terms: Sequence[Term], beta: Array) -> tuple[Scene, ...]:
@@ -30,7 +30,7 @@ def scenes_with(problem: Problem, terms: Sequence[Term], beta: Array) -> tuple[S
         for term in terms:
             on = np.tile(term.acts(problem.clock), 2)
             signals = signals.where(on, term.effect.apply(signals, term.size))
-        return ((None, signals),)
+        return ((np.array(True), signals),)
     acting = np.array([term.acts(problem.clock) for term in terms]).reshape(len(terms), problem.K)
     found = []
     patterns, number = np.unique(acting, axis=1, return_inverse=True)
@@ -57,19 +57,19 @@ def today(problem: Problem, beta: Array) -> Signals:
 
 def imbalances_at(problem: Problem, scenes: Sequence[Scene], beta: Array) -> Array:
     """Return what is left of every balance without the map, shape (B, 2K) or (B, K) [model's unit]."""
-    constants, blocks = scenes[0][1].constants, problem.blocks
-    if scenes[0][0] is None:
-        out = problem.model.imbalances(constants, scenes[0][1], blocks)
-    else:
-        out = np.zeros((len(problem.model.balances), problem.K))
-        for on, signals in scenes:
-            out[:, on] = problem.model.imbalances(constants, signals, blocks)[:, on]
+    constants, out = scenes[0][1].constants, np.zeros(())
+    for on, signals in scenes:
+        out = np.where(on, problem.model.imbalances(constants, signals, problem.blocks), out)
     return np.asarray(out + shift(problem, scenes[0][1], beta))
 
 
 def shift(problem: Problem, s: Signals, beta: Array) -> Array:
     """Return what is added to the balances at all columns of the signals, shape (B, C)."""
-    out = problem.offset - level_shift(problem, beta)
+    by_day = problem.patterns.along(beta[beta.size - len(problem.patterns) :])  # with the errors of a healthy engine
+    for log, level, size in problem.on_days(beta):
+        if level.name in problem.model.balances:
+            by_day[problem.model.balances.index(level.name), problem.of_log == log] += size
+    out = problem.offset - by_day
     return out if problem.blocks is not None else np.tile(out, 2) - moved(problem, s)
 
 
@@ -81,15 +81,6 @@ def moved(problem: Problem, s: Signals) -> Array:
             out += np.tile(by_value, 2) * (s[name] - recorded[name])
         if s.rate[name] is not recorded.rate[name]:
             out += np.tile(by_rate, 2) * (s.rate[name] - recorded.rate[name])
-    return out
-
-
-def level_shift(problem: Problem, beta: Array) -> Array:
-    """Return by how much the levels of the day and the errors of a healthy engine shift the balances, shape (B, K)."""
-    out = problem.patterns.along(beta[beta.size - len(problem.patterns) :])
-    for log, level, size in problem.on_days(beta):
-        if level.name in problem.model.balances:
-            out[problem.model.balances.index(level.name), problem.of_log == log] += size
     return out
 
 
@@ -121,9 +112,8 @@ def change_of_residual(
 
     `nodes` are those of an effect that does not move the operating point, `known` is the residual of before, where it is known.
     """
-    if (
-        effect.place == "sensor" and problem.blocks is None
-    ):  # the residual is linear in the reading, and nothing else changes
+    # The residual is linear in the reading, and nothing else changes.
+    if effect.place == "sensor" and problem.blocks is None:
         return np.asarray(views((after[0][1][SENSOR] - before[0][1][SENSOR])[None], problem.K) * problem.by_reading)
 
     def left(scenes: Sequence[Scene]) -> Array:
@@ -168,8 +158,7 @@ def operating_nodes(problem: Problem, scenes: Sequence[Scene]) -> Nodes:
         for on, s in scenes:
             here = s.value.get(channel)
             if here is not None:
-                along = views(here[None], problem.K)[0, 0] if problem.blocks is None else problem.blocks.mean(here)
-                values = along if on is None else np.where(on, along, values)
+                values = np.where(on, problem.mean(here), values)
         point.append(values)
     return problem.grid.regressors(*point)
 
@@ -199,7 +188,7 @@ def by_unknowns(problem: Problem, scenes: Sequence[Scene], terms: Sequence[Term]
             own = model.by_unknowns(s.constants, s, problem.blocks)
             quotients = q - len(own)
             both = views(own.reshape(len(own) * B, -1), K).reshape(2, len(own), B, K).swapaxes(0, 1)
-            found[quotients:q] = both if on is None else np.where(on, both, found[quotients:q])
+            found[quotients:q] = np.where(on, both, found[quotients:q])
     for i in range(quotients):
         moved = beta.copy()
         moved[i] += STEP

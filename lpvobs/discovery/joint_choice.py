@@ -3,7 +3,7 @@
 Of those that stay it says which others explain the logs as well.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,7 +14,7 @@ from lpvobs.discovery.courses import GRADED, FactorSurface, can_be_graded
 from lpvobs.discovery.curves import surface_again
 from lpvobs.discovery.evidence import Candidate, best_first, fit_candidate, in_place, loss_of, score, with_best_interval
 from lpvobs.discovery.fit import fit, objective, refit, without
-from lpvobs.discovery.form_search import Inside, with_inside
+from lpvobs.discovery.form_search import Number, with_inside
 from lpvobs.discovery.forms import PREFIX
 from lpvobs.discovery.known_effects import NINETY
 from lpvobs.discovery.linear import Linear
@@ -110,8 +110,7 @@ def _joint_best(linear: Linear, newest: Candidate, ranked: Sequence[Candidate]) 
     if len(close) == 1:
         return newest
     bare = objective(refit(linear, others))
-    joint_score = {key: _joint_score(linear, others, candidate, bare) for key, candidate in close.items()}
-    return close[max(joint_score, key=lambda key: joint_score[key])]
+    return max(close.values(), key=lambda candidate: _joint_score(linear, others, candidate, bare))
 
 
 def _is_better(linear: Linear, bare: Linear, other: Candidate, own: Candidate) -> bool:
@@ -140,7 +139,7 @@ class Accepted:
     share: float  # of half the sum of squares before any effect
     indistinguishable: tuple[str, ...]  # effects that explain the logs as well
     standard_error: float  # of the size, in its unit; of a channel's curve, of its multiple
-    further: tuple[Inside, ...] = ()  # what a form has inside its factors
+    further: Mapping[str, Number]  # what a form has inside its last factor, by name
 
 
 def finished(
@@ -166,10 +165,10 @@ def finished(
     share = own.gain / max(float(loss_of(bare).sum()), own.gain, 1e-300)
     if isinstance(term.curve, FactorSurface):
         standard_error = float(np.hypot(standard_error, term.curve.error))
-    further: Sequence[Inside] = ()
+    further: Mapping[str, Number] = {}
     if own.id.startswith(PREFIX):
         standard_error, further = with_inside(linear, index, standard_error)
-    return Accepted(own, chance(own, problem), share, indistinguishable, standard_error, tuple(further))
+    return Accepted(own, chance(own, problem), share, indistinguishable, standard_error, further)
 
 
 def _as_fitted(linear: Linear, bare: Linear, candidate: Candidate) -> Candidate:

@@ -47,6 +47,10 @@ class Span:
         """Whether any of the log is under the effect."""
         return self.begin < self.end
 
+    def covers(self, time: Array) -> NDArray[np.bool_]:
+        """Return which times of the log are under the effect, shape (n,)."""
+        return np.asarray((time >= self.begin) & (time < self.end))
+
 
 @dataclass(frozen=True)
 class KnownEffect:
@@ -167,10 +171,7 @@ def effect_along(
     effect = _effect(
         known_effect, model, lambda curve: over_columns(along(lambda log, time: channel_at(log, curve, time)))
     )
-    spans = [known_effect.span_on(log) for log, _ in parts]
-    on = np.concatenate(
-        [(time >= span.begin) & (time < span.end) for span, (_, time) in zip(spans, parts, strict=True)]
-    )
+    on = np.concatenate([known_effect.span_on(log).covers(time) for log, time in parts])
     if course is None:
         return effect, on
     share = along(lambda log, time: course_on(known_effect, log, time))
@@ -183,7 +184,7 @@ def _effect(known_effect: KnownEffect, model: ResidualModel, followed: Callable[
         return driven_by(component, known_effect.surface)
     if known_effect.id.startswith(PREFIX):
         form = parsed(known_effect.id)
-        return form.effect(model, followed(form), abs(known_effect.value), model.units)
+        return form.effect(model, followed(form), abs(known_effect.value))
     if curve is None:
         return catalogued(known_effect.id, model)
     carrier = catalogued(curve.carrier, model)

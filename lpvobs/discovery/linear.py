@@ -12,7 +12,6 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from lpvobs.compiled import njit
 from lpvobs.discovery.imbalances import Nodes, Scene, map_along, operating_nodes, residual_of, scenes_with
 from lpvobs.discovery.noise import Noise
 from lpvobs.discovery.residual import Problem, Term
@@ -116,9 +115,8 @@ class Linear:
     def _on_map(self, y: Array, block: NDArray[np.int64], first: NDArray[np.int64]) -> Array:
         if self.dense is not None:
             return -np.add.reduceat(np.einsum("pbk,bk->pk", self.dense, y[0]), first, axis=1).T
-        found = np.zeros((first.size, self.p))
-        scatter(found, block, *self.nodes, -(self.mapped * y[0]).sum(0))
-        return found
+        nodes = block[:, None] * self.p + self.nodes[0], self.nodes[1]
+        return on_nodes(nodes, -(self.mapped * y[0]).sum(0)[None], first.size * self.p).reshape(first.size, self.p)
 
     def along_stretches(self, direction: Array, whitened: Array) -> tuple[Array, Array]:
         """Return the products of a direction, stretch by stretch, with every column, (stretches, n), and with the residual.
@@ -169,22 +167,14 @@ def changed_by(linear: Linear, index: int) -> Array:
     return residual_with(linear, terms) - residual_with(linear, [*terms[:index], *terms[index + 1 :]])
 
 
-@njit(cache=True)
-def scatter(out, block, nodes, weights, values):  # type: ignore[no-untyped-def]
-    """Add values to the nodes of their cells, block by block."""
-    for k in range(values.size):
-        for m in range(4):
-            out[block[k], nodes[k, m]] += weights[k, m] * values[k]
+def cancels(linear: Linear, one: int, other: int) -> bool:
+    """Return whether one term, while it acts, changes the residual nearer to opposite to the other than to perpendicular."""
+    a, b = (linear.whiten(changed_by(linear, i)) for i in (one, other))
+    b = b * np.any(a != 0.0, axis=(0, 1))
+    return bool(dot(a, b) < -np.sqrt(0.5 * max(dot(a, a) * dot(b, b), 0.0)))
 
 
-@njit(cache=True)
-def map_normal(p, nodes, weights, information):  # type: ignore[no-untyped-def]
-    """Return the normal matrix of the map, shape (p, p)."""
-    H = np.zeros((p, p))
-    for k in range(information.size):
-        for a in range(4):
-            share = information[k] * weights[k, a]
-            if share != 0.0:
-                for b in range(4):
-                    H[nodes[k, a], nodes[k, b]] += share * weights[k, b]
-    return H
+def on_nodes(nodes: Nodes, values: Array, p: int) -> Array:
+    """Return the sums of values along the places, shape (n, K), over the nodes of their cells, shape (n, p)."""
+    sums = [np.bincount(nodes[0].ravel(), (nodes[1] * row[:, None]).ravel(), minlength=p) for row in values]
+    return np.reshape(sums, (len(values), p))

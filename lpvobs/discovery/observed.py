@@ -19,6 +19,7 @@ import numpy as np
 
 from lpvobs.compiled import njit
 from lpvobs.discovery.known_effects import KnownEffect, effect_along
+from lpvobs.discovery.places import lacks_of
 from lpvobs.discovery.thresholds import WIDE
 from lpvobs.engines.base import AirPath
 from lpvobs.engines.effects import SENSOR, Signals
@@ -70,21 +71,17 @@ def observed(refined: Refined, log: Log) -> Observed:
     point = operating_point(air_path, right)
     run = observe(trajectory, log.time, log.segments, point, nowhere, refined.L, 0.0, first, np.zeros(nowhere.size))
     seen = replace(calm, channels={**calm.channels, **dict(zip(air_path.state_names, run.x.T, strict=True))})
-    calmer = _calmer(air_path, right, CALM * refined.smoothing)
+    calmer = {}  # the channels that steep relations read, through their window
+    if air_path.calmed:
+        columns = np.stack([right[name] for name in air_path.calmed])
+        calm_values = smooth(log.time, columns, log.segments, CALM * refined.smoothing, CALM_LEAST)[0]
+        calmer = dict(zip(air_path.calmed, calm_values, strict=True))
     _, further = added(refined, seen, rates)
     z = right[air_path.sensor] - (air_path.balances(seen, rates, (), calmer).flow + further)
     rough = {name: roughness(right[name], log.segments) for name in air_path.smoothed}
     signals = signals_for(air_path).stacked(seen.channels, rates, rough, steps_of(log))
     found = Observed(log.time, steps_of(log), trajectory.parameters, point, z, signals)
     return _behind_sensor(refined, right, found) if refined.lags else found
-
-
-def _calmer(air_path: AirPath, log: Log, half_width: float) -> dict[str, Array]:
-    """Return the channels that steep relations read, through their window."""
-    if not air_path.calmed:
-        return {}
-    columns = np.stack([log[name] for name in air_path.calmed])
-    return dict(zip(air_path.calmed, smooth(log.time, columns, log.segments, half_width, CALM_LEAST)[0], strict=True))
 
 
 def corrected(refined: Refined, log: Log) -> Log:
@@ -114,18 +111,13 @@ def _signals(model: ResidualModel, log: Log, rates: Mapping[str, Array]) -> Sign
     def slow(channel: str) -> Array:
         return np.asarray(smooth(log.time, log[channel][None], log.segments, WIDE)[1][0])
 
-    there = {name: log[name] for name in model.signals if name in log.channels}
+    def later(shift: float) -> Array:
+        return np.asarray(np.interp(log.time + shift, log.time, log[SENSOR]))
+
+    value = {name: log[name] for name in model.signals if name in log.channels}
+    rate = {name: rates.get(name, np.zeros(len(log))) for name in value}
     since = log.time - log.time[0]
-    return Signals(
-        time=since,
-        clock=since,
-        value=there,
-        rate={name: rates.get(name, np.zeros(len(log))) for name in there},
-        lacks=np.tile(np.array(model.lacks)[:, None], (1, len(log))),
-        later=lambda shift: np.asarray(np.interp(log.time + shift, log.time, log[SENSOR])),
-        slow=slow,
-        constants=model.constants,
-    )
+    return Signals(since, since, value, rate, lacks_of(model, len(log)), later, slow, model.constants)
 
 
 def _put(signals: Signals, refined: Refined, effects: Sequence[KnownEffect], log: Log) -> Signals:
@@ -141,8 +133,7 @@ def _behind_sensor(refined: Refined, log: Log, seen: Observed) -> Observed:
     """Return the correction of the sensor's state in place of reading less flow, with the map's inputs delayed by the same lag."""
     tau = np.zeros(len(log))
     for effect in refined.lags:
-        span = effect.span_on(log)
-        tau += effect.value * ((log.time >= span.begin) & (log.time < span.end))
+        tau += effect.value * effect.span_on(log).covers(log.time)
     correction = refined.correction()
     reading = log[refined.air_path.sensor]
     flows = reading - seen.z

@@ -12,12 +12,9 @@ from lpvobs.kinds import Finite, Fraction, Output
 from lpvobs.records import Item
 
 Verdict = Annotated[str, Meta(extra_json_schema={"enum": ["effect", "none", "unexplained"]})]
-Onset = Annotated[
-    float | None, Meta(description="time [s] since the start of the log; null: the effect acts from the first sample")
-]
-End = Annotated[
-    float | None, Meta(description="time [s] since the start of the log; null: the effect acts to the last sample")
-]
+SINCE = "time [s] since the start of the log; null: the effect acts"
+Onset = Annotated[float | None, Meta(description=f"{SINCE} from the first sample")]
+End = Annotated[float | None, Meta(description=f"{SINCE} to the last sample")]
 
 
 @dataclass(frozen=True)
@@ -149,13 +146,8 @@ class Missing:
     def notes(self) -> list[str]:
         """Return sentences on it."""
         lost = f"Channels that the log lacks: {', '.join(self.channels)}. Balances that need them: {', '.join(self.balances)}."
-        return [
-            lost,
-            *(
-                f"These effects change the same remaining balances and are therefore hard to tell apart: {', '.join(group)}."
-                for group in self.same_place
-            ),
-        ]
+        alike = "These effects change the same remaining balances and are therefore hard to tell apart"
+        return [lost, *(f"{alike}: {', '.join(group)}." for group in self.same_place)]
 
 
 @dataclass(frozen=True)
@@ -217,14 +209,12 @@ class OutcomeOnLog(Output):
 
     def notes(self) -> list[str]:
         """Return what a person should know beside verdict and effects, a sentence each."""
-        agreeing = [item.balance for item in self.balances if not item.affected]
-        moved = [item for item in self.balances if item.affected]
-        said = [item.note() for item in moved]
-        if moved and agreeing:
-            disturbed = ", ".join(item.balance for item in moved)
+        agreeing = ", ".join(item.balance for item in self.balances if not item.affected)
+        disturbed = ", ".join(item.balance for item in self.balances if item.affected)
+        said = [item.note() for item in self.balances if item.affected]
+        if disturbed and agreeing:
             said.insert(
-                0,
-                f"Balances that the effects change: {disturbed}; balances that they leave alone: {', '.join(agreeing)}.",
+                0, f"Balances that the effects change: {disturbed}; balances that they leave alone: {agreeing}."
             )
         unusual = [level for level in self.day_to_day if abs(level.value) > level.usual]
         if unusual:

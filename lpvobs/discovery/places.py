@@ -45,7 +45,7 @@ def instants_of(model: ResidualModel, logs: Sequence[Log], wide: float, spacing:
     apart = int(np.ceil(2.0 * max(view.half_width for view in views) / spacing))
     time = np.concatenate([view.time - log.time[0] for log, view in zip(logs, views, strict=True)])
     of_log = np.repeat(np.arange(len(logs)), [view.time.size for view in views])
-    signals = _joined(model, logs, views, wide * thresholds.WIDE, time, time + starts(logs)[of_log])
+    signals = _signals(model, logs, views, wide * thresholds.WIDE, time, time + starts(logs)[of_log])
     return Places(time, of_log, spacing, signals, _transience(model, signals, apart), None)
 
 
@@ -66,16 +66,12 @@ def blocks_of_logs(model: ResidualModel, logs: Sequence[Log], wide: float) -> Pl
     reading = value.get(SENSOR, np.zeros(clock.size))
     number = np.searchsorted(begin, clock, side="right") - 1
     since = clock - begin[number]
-    signals = Signals(
-        time=since,
-        clock=clock,
-        value=value,
-        rate=rate,
-        lacks=np.tile(np.array(model.lacks)[:, None], (1, clock.size)),
-        later=lambda shift: np.asarray(np.interp(clock + shift, clock, reading)),
-        slow=lambda channel: rate[channel],
-        constants=model.constants,
-    )
+    lacks = lacks_of(model, clock.size)
+
+    def later(shift: float) -> Array:
+        return np.asarray(np.interp(clock + shift, clock, reading))
+
+    signals = Signals(since, clock, value, rate, lacks, later, rate.__getitem__, model.constants)
     transience = transience_of(blocks, value, model.moving)
     return Places(middle - begin[of_log], of_log, blocks.length, signals, transience, blocks)
 
@@ -137,12 +133,7 @@ def place_in_logs(logs: Sequence[Log], clock: float) -> float | None:
     return float(clock - begins[max(int(np.searchsorted(begins, clock, side="right")) - 1, 0)])
 
 
-def _halves(values: Array) -> Array:
-    """Return (2, m, K) as (m, 2K): the first view, then the second."""
-    return np.concatenate([values[0], values[1]], axis=-1)
-
-
-def _joined(
+def _signals(
     model: ResidualModel, logs: Sequence[Log], views: Sequence[_View], half_width: float, time: Array, clock: Array
 ) -> Signals:
     @lru_cache(maxsize=8)  # the fits ask for the same few shifts many times
@@ -151,7 +142,7 @@ def _joined(
         for log, view in zip(logs, views, strict=True):
             time = np.clip(view.time + shift, log.time[0] + view.half_width, log.time[-1] - view.half_width)
             seen.append(values_at(log, log[SENSOR][None], time, view.half_width))
-        return np.asarray(_halves(np.concatenate(seen, axis=-1))[0])
+        return np.asarray(_joined(seen)[0])
 
     @lru_cache(maxsize=8)
     def slow(channel: str) -> Array:
@@ -159,21 +150,22 @@ def _joined(
             at(log, log[channel][None], view.time, max(half_width, 2.0 * view.half_width))[1]
             for log, view in zip(logs, views, strict=True)
         ]
-        return np.asarray(_halves(np.concatenate(rates, axis=-1))[0])
+        return np.asarray(_joined(rates)[0])
 
-    value, rate = (
-        _halves(np.concatenate([getattr(view, name) for view in views], axis=-1)) for name in ("value", "rate")
-    )
-    return Signals(
-        time=np.tile(time, 2),
-        clock=np.tile(clock, 2),
-        value=dict(zip(model.signals, value, strict=True)),
-        rate=dict(zip(model.signals, rate, strict=True)),
-        lacks=np.tile(np.array(model.lacks)[:, None], (1, 2 * time.size)),
-        later=later,
-        slow=slow,
-        constants=model.constants,
-    )
+    value = dict(zip(model.signals, _joined([view.value for view in views]), strict=True))
+    rate = dict(zip(model.signals, _joined([view.rate for view in views]), strict=True))
+    lacks = lacks_of(model, 2 * time.size)
+    return Signals(np.tile(time, 2), np.tile(clock, 2), value, rate, lacks, later, slow, model.constants)
+
+
+def _joined(parts: Sequence[Array]) -> Array:
+    """Return both views of several logs, shapes (2, m, K), as one, (m, 2K): the first of all logs, then the second."""
+    return np.asarray(np.concatenate(np.concatenate(parts, axis=-1), axis=-1))
+
+
+def lacks_of(model: ResidualModel, columns: int) -> Array:
+    """Return the sizes of an engine in order for every column of signals, shape (l, columns)."""
+    return np.tile(np.array(model.lacks)[:, None], (1, columns))
 
 
 def stretches(places: Places, length: float) -> NDArray[np.int64]:

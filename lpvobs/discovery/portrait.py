@@ -135,11 +135,11 @@ def _tracks(both: tuple[Linear, Linear], logs: Sequence[Log]) -> list[Track]:
     for i, log in enumerate(logs):
         on = np.flatnonzero(of_log == i)
         starts = np.unique(np.linspace(0, on.size, min(columns, on.size) + 1).astype(int)[:-1])
-        ends = [np.stack([_extremes(linear.raw[0][:, on], starts) for linear in both])]
+        before, after = (_extremes(linear.raw[0][:, on], starts) for linear in both)
         counts = np.diff(np.append(starts, on.size))
         middle = np.add.reduceat(time[on] - log.time[0], starts) / counts
         judged = np.add.reduceat(both[1].problem.judged[on].astype(int), starts) > 0
-        found.append(Track(log.name, middle, ends[0][0], ends[0][1], judged))
+        found.append(Track(log.name, middle, before, after, judged))
     return found
 
 

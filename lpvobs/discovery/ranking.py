@@ -70,8 +70,7 @@ def is_relevant(candidate: Candidate, linear: Linear) -> bool:
 
 def least_gain(problem: Problem) -> float:
     """Return the smallest gain that is relevant."""
-    least: float = max(thresholds.LEAST_SHARE * 0.5 * problem.data, thresholds.PROVEN)
-    return least
+    return float(max(thresholds.LEAST_SHARE * 0.5 * problem.data, thresholds.PROVEN))
 
 
 def is_proven(candidate: Candidate, linear: Linear) -> bool:

@@ -185,6 +185,10 @@ class Problem(Places):
             return course.of_state(self.state(course.input, course.time_constant))
         return course.share(self.clock, self.channel, float(self.clock[-1]) if course.in_time else np.inf)
 
+    def mean(self, values: Array) -> Array:
+        """Return values by column of the signals at the places: means over blocks, or of both views, shape (K,)."""
+        return self.blocks.mean(values) if self.blocks is not None else 0.5 * (values[: self.K] + values[self.K :])
+
     def along(self, channel: str) -> Array:
         """Return a channel at the places, shape (K,)."""
         values = self.signals[channel]
@@ -230,9 +234,8 @@ def nominal_map(theta: Array, covariance: Array, sensitivity: Array, constants: 
     known = np.isfinite(theta).ravel()
     S = np.nan_to_num(sensitivity.reshape(len(constants), known.size).T)
     noise = covariance - S @ constants @ S.T
-    noise = np.where(np.outer(known, known), noise, 0.0) + np.diag(
-        np.where(known, thresholds.LIKENESS**2, prior_map**2)
-    )
+    own = np.where(known, thresholds.LIKENESS**2, prior_map**2)
+    noise = np.where(np.outer(known, known), noise, 0.0) + np.diag(own)
     values, vectors = np.linalg.eigh(0.5 * (noise + noise.T))
     precision = (vectors / np.maximum(values, thresholds.LIKENESS**2)) @ vectors.T
     return MapPrior(np.nan_to_num(theta).ravel(), precision, S, False)
@@ -243,7 +246,6 @@ def lay_out(
     grid: Grid,
     prior: MapPrior,
     logs: Sequence[Log],
-    coarse: float = thresholds.COARSE,
     wide: float = 1.0,
     spacing: float = thresholds.SPACING,
 ) -> Problem:
@@ -261,28 +263,26 @@ def lay_out(
     block = stretches(places, length)
     first = np.flatnonzero(np.diff(block, prepend=-1))
     used, judged = kept_back(places)
+    times = [log.time[0] + places.time[places.of_log == i] for i, log in enumerate(logs)]
     common = set.intersection(*(set(log.auxiliary) for log in logs))
     clock = places.time + starts(logs)[places.of_log]
     levels = tuple((i, level) for i in range(len(logs)) for level in model.levels)
+    deviations = [level.deviation for _, level in levels]
     shown = model.shown(places.signals, places.blocks)
     return Problem(
         model=model,
         grid=grid,
         levels=levels,
-        covariance=scipy.linalg.block_diag(
-            model.covariance, np.diag(np.square([level.deviation for _, level in levels]))
-        ),
+        covariance=scipy.linalg.block_diag(model.covariance, np.diag(np.square(deviations))),
         prior=prior,
         **vars(places),
         clock=clock,
         block=block,
         first=first,
         begins=clock[first],
-        per_coarse=max(1, round(coarse / length)),
+        per_coarse=max(1, round(thresholds.COARSE / length)),
         auxiliary={
-            name: np.concatenate(
-                [_steadied(log, name, log.time[0] + places.time[places.of_log == i]) for i, log in enumerate(logs)]
-            )
+            name: np.concatenate([_steadied(log, name, time) for log, time in zip(logs, times, strict=True)])
             for name in sorted(common)
             if all(_usable(log.auxiliary[name]) for log in logs)
         },
@@ -290,7 +290,7 @@ def lay_out(
         used=used,
         judged=judged,
         flow=1.0 if model.unit == "kg/s" else float(np.mean(np.maximum(places.signals[SENSOR], 0.0))),
-        wider=lambda: lay_out(model, grid, prior, logs, coarse, thresholds.WIDER, spacing).with_all(),
+        wider=lambda: lay_out(model, grid, prior, logs, thresholds.WIDER, spacing).with_all(),
         lasting=np.ones(shown.shape),
         patterns=Patterns((np.zeros((0, shown.shape[1])),) * len(shown)),
         offset=np.zeros(shown.shape) if model.beyond is None else model.beyond(logs, places.signals, places.blocks),

@@ -10,20 +10,19 @@ import numpy as np
 import scipy
 
 from lpvobs.discovery import thresholds
-from lpvobs.discovery.companions import cancels, own_share
 from lpvobs.discovery.course_choice import comes_and_goes, sharpened, timed_again
 from lpvobs.discovery.courses import FactorSurface
 from lpvobs.discovery.evidence import Candidate, dated_again, elsewhere_of, fit_candidate, in_place
-from lpvobs.discovery.fit import fit, objective, refit, without
+from lpvobs.discovery.fit import fit, objective, refit, standard_errors, without
 from lpvobs.discovery.form_search import beside_forms, best_forms
 from lpvobs.discovery.forms import PREFIX
 from lpvobs.discovery.held_out import Losses, compare, cross_validated, noise_power
-from lpvobs.discovery.intervals import standard_errors
 from lpvobs.discovery.joint_choice import Accepted, choose_again, choose_all_again, finished
-from lpvobs.discovery.linear import Linear
+from lpvobs.discovery.linear import Linear, cancels, changed_by
 from lpvobs.discovery.ranking import best_of, chance, is_proven, is_relevant, uneven_share
 from lpvobs.discovery.residual import Problem, Term
 from lpvobs.engines.effects import Effect
+from lpvobs.records import Array
 
 Once = Callable[..., Any]  # returns what work on the same objects gives, or gave before
 
@@ -136,9 +135,7 @@ def _search(problem: Problem, progress: Callable[[float], None], once: Once, wit
         counts = is_proven if len(problem.patterns) else is_relevant
         if any(_same_place_again(c, accepted) for c in (found[0], best) if counts(c, linear)):
             return _Search("unexplained", [], before, before, ranking, accepted)
-        if not is_proven(best, linear):
-            break
-        if any(c.id == best.id for c in accepted):
+        if not is_proven(best, linear) or any(c.id == best.id for c in accepted):
             break
         longer = once(_with_one_more, linear, best, accepted)
         if longer is None:
@@ -244,6 +241,31 @@ def _is_of_its_own(linear: Linear, gained: float) -> bool:
         nothing = cross_validated(refit(linear, ()), linear)
         return gained > thresholds.SHAPE**2 * (float((nothing.before - nothing.after).sum()) - gained)
     return own_share(linear, newest) > thresholds.OWN
+
+
+def own_share(linear: Linear, index: int) -> float:
+    """Return the share of a term's gain that is left where every other term may have another shape.
+
+    What another term changes may be off, in all balances alike, by a share of `SHAPE` rms that is smooth in the channels.
+    """
+    smooth, others = _bends(linear.problem), [i for i in range(len(linear.terms)) if i != index]
+    changes = [changed_by(linear, i) for i in others]
+    bent = [linear.whiten(change * each) for change in changes for each in smooth]
+    own = linear.whiten(changed_by(linear, index))
+    gradient, information = without(linear, index).beside(np.stack([*bent, own]))
+    known = information[:-1, :-1] + np.eye(len(bent)) * len(smooth) / thresholds.SHAPE**2
+    taken = np.linalg.solve(known, np.stack([gradient[:-1], information[:-1, -1]], axis=1))
+    left, told = np.array([gradient[-1], information[-1, -1]]) - information[-1, :-1] @ taken
+    if not (told > 0.0 and information[-1, -1] > 0.0):
+        return 0.0
+    return float((left**2 / told) / max(gradient[-1] ** 2 / information[-1, -1], 1e-300))
+
+
+def _bends(problem: Problem) -> Array:
+    """Return lines and parabolas over every moving channel and over the time, of unit variance, shape (m, K)."""
+    lines = [x for x in (*problem.inputs().values(), problem.clock) if np.std(x) > thresholds.STANDS * abs(np.mean(x))]
+    scaled = [(x - x.mean()) / x.std() for x in lines]
+    return np.stack([*scaled, *((x**2 - 1.0) / np.std(x**2) for x in scaled)])
 
 
 def _is_remainder(candidate: Candidate, accepted: Sequence[Candidate], problem: Problem) -> bool:

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lpvobs.discovery.companions import own_share
 from lpvobs.discovery.fit import fit
 from lpvobs.discovery.residual import MapPrior, Term, lay_out
+from lpvobs.discovery.select import own_share
 from lpvobs.discovery.thresholds import OWN
 
 

@@ -26,7 +26,7 @@ def model(plant):
 
 
 def effect(form, model, size=0.0021):
-    return Term(form.effect(model, np.ones(3), size, UNITS), size)
+    return Term(form.effect(model, np.ones(3), size), size)
 
 
 @given(

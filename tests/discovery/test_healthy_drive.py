@@ -11,8 +11,7 @@ from lpvobs.discovery import evidence
 from lpvobs.discovery.evidence import fit_candidate
 from lpvobs.discovery.fit import fit
 from lpvobs.discovery.healthy_drive import unmoved
-from lpvobs.discovery.healthy_learning import _learned, _likeliest, _scales, _told, learned_from
-from lpvobs.discovery.healthy_sizes import beyond_noise, learned
+from lpvobs.discovery.healthy_learning import _learned, _likeliest, _scales, _told, beyond_noise, learned, learned_from
 from lpvobs.discovery.imbalances import curvature_bias, imbalances_at, moved, operating_nodes, residual_of, scenes_with
 from lpvobs.discovery.refine import refine
 from lpvobs.discovery.residual import MapPrior, Term, lay_out

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from lpvobs.discovery.fit import fit, pins
-from lpvobs.discovery.intervals import between_windows, spread_of_sums, standard_errors, widened
+from lpvobs.discovery.fit import between_windows, fit, pins, spread_of_sums, standard_errors, widened
 from lpvobs.discovery.linear import Term
 
 
