@@ -12,6 +12,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from lpvobs.compiled import njit
 from lpvobs.discovery.imbalances import Nodes, Scene, map_along, operating_nodes, residual_of, scenes_with
 from lpvobs.discovery.noise import Noise
 from lpvobs.discovery.residual import Problem, Term
@@ -116,7 +117,8 @@ class Linear:
         if self.dense is not None:
             return -np.add.reduceat(np.einsum("pbk,bk->pk", self.dense, y[0]), first, axis=1).T
         nodes = block[:, None] * self.p + self.nodes[0], self.nodes[1]
-        return on_nodes(nodes, -(self.mapped * y[0]).sum(0)[None], first.size * self.p).reshape(first.size, self.p)
+        found = on_nodes(nodes, -(self.mapped * y[0]).sum(0)[None], first.size * self.p)
+        return np.asarray(found.reshape(first.size, self.p))
 
     def along_stretches(self, direction: Array, whitened: Array) -> tuple[Array, Array]:
         """Return the products of a direction, stretch by stretch, with every column, (stretches, n), and with the residual.
@@ -174,7 +176,13 @@ def cancels(linear: Linear, one: int, other: int) -> bool:
     return bool(dot(a, b) < -np.sqrt(0.5 * max(dot(a, a) * dot(b, b), 0.0)))
 
 
-def on_nodes(nodes: Nodes, values: Array, p: int) -> Array:
+@njit(cache=True)
+def on_nodes(nodes, values, p):  # type: ignore[no-untyped-def]
     """Return the sums of values along the places, shape (n, K), over the nodes of their cells, shape (n, p)."""
-    sums = [np.bincount(nodes[0].ravel(), (nodes[1] * row[:, None]).ravel(), minlength=p) for row in values]
-    return np.reshape(sums, (len(values), p))
+    at, share = nodes
+    sums = np.zeros((len(values), p))
+    for i in range(len(values)):
+        for k in range(len(at)):
+            for m in range(4):
+                sums[i, at[k, m]] += share[k, m] * values[i, k]
+    return sums
