@@ -13,8 +13,7 @@ from lpvobs.engines.healthy import HealthyErrors
 from lpvobs.engines.residual_model import ResidualModel
 from lpvobs.io.configuration.config import Config, config_of
 from lpvobs.io.logs import parquet, reading
-from lpvobs.io.results import engines, hdf, mapping, results
-from lpvobs.io.results.provenance import Provenance
+from lpvobs.io.results import engines, hdf, results
 from lpvobs.io.safety.atomic import file_digest
 from lpvobs.records import Log
 
@@ -58,7 +57,7 @@ class KnownEngine:
 def stored_config(path: Path, kind: str, remedy: str) -> Config:
     """Return the configuration that a gain, an engine or a result was made with; raises DataError if the file is none of that."""
     with hdf.reading(path, kind, remedy) as file:
-        return config_of(mapping.read(file["provenance"], Provenance).config, path)
+        return config_of(str(file["provenance"].attrs["config"]), path)
 
 
 def known_engine(stored: results.StoredResult, engine: File | None = None) -> KnownEngine:
