@@ -55,10 +55,8 @@ def calibrate(
         What it says of the engine is the prior.
     bench : path or several
         Tables of stationary points with `W_reference` [kg/s]: Parquet with units, or CSV with the units in a second line.
-    healthy : path or several
-        Logs whose sensor was in order on that day.
-    reference : path or several
-        Logs with the channel `W_reference`, a meter in the sensor's place.
+    healthy, reference : path or several
+        Logs whose sensor was in order on that day; logs with the channel `W_reference`, a meter in the sensor's place.
     maps : several str
         `KIND=FILE`, a table of one component: CSV with the units in a second line, Parquet with units, or `FILE.dcm:LABEL`; kinds
         are those of the engine, for the diesel `compressor`, `turbine`, `eta_vol`, `egr`.
@@ -88,7 +86,10 @@ def calibrate(
                     f"{as_path(config)}: this kind of engine is calibrated from logs with a healthy MAF sensor only; "
                     "give --healthy LOG and no other data"
                 )
-            stored = _learned(configuration, text, known)
+            logs = [read_log(path, air_path.channels, configuration.reading) for path in known]
+            digests = {path.name: log.sha256 for path, log in zip(known, logs, strict=True)}
+            shown_by = learned_engine(configuration, logs)
+            stored = _engine(shown_by.air_path, unknowns_of({}, ()), Provenance(digests, text), shown_by.learning())
         elif not air_path.components:
             raise UsageError(
                 f"{as_path(config)}: this kind of engine ({air_path.name}) has no components to calibrate; see docs/own-engine.md"
@@ -163,14 +164,6 @@ def _engine(
         provenance=provenance,
         learned=learned,
     )
-
-
-def _learned(config: Config, text: str, paths: Sequence[Path]) -> StoredEngine:
-    """Return an engine whose curves healthy logs show."""
-    logs = [read_log(path, config.kind.air_path.channels, config.reading) for path in paths]
-    digests = {path.name: log.sha256 for path, log in zip(paths, logs, strict=True)}
-    known = learned_engine(config, logs)
-    return _engine(known.air_path, unknowns_of({}, ()), Provenance(digests, text), known.learning())
 
 
 def _metered(config: Config, path: Path) -> Log:

@@ -9,16 +9,13 @@ import scipy
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from lpvobs.api.export import SOURCES
-from lpvobs.api.files import File, as_path, write_text
+from lpvobs.api import export, files
 from lpvobs.errors import DataError, NotProven, UsageError
 from lpvobs.io.configuration.config import config_of
 from lpvobs.io.logs.units import convert
-from lpvobs.io.results.fleets import read_fleet
-from lpvobs.io.results.surfaces import NONE, Surface, read_surface, surface_axes
+from lpvobs.io.results import fleets, surfaces
 from lpvobs.kinds import Count, KgPerS, Output
-from lpvobs.maps.joint import Joint
-from lpvobs.maps.quadratic import ESTIMATED
+from lpvobs.maps import joint, quadratic
 from lpvobs.records import Array
 from lpvobs.report.gates import parse_gate
 from lpvobs.tracking.fleet import Fleet
@@ -52,7 +49,7 @@ class CompareOutput(Output):
 
     first: str
     second: str
-    values: Annotated[str, Meta(extra_json_schema={"enum": SOURCES})]
+    values: Annotated[str, Meta(extra_json_schema={"enum": export.SOURCES})]
     axes: tuple[str, str]  # of speed and fuel, with units
     nodes: Count  # that have a value in both
     mean: MeanChange
@@ -62,15 +59,15 @@ class CompareOutput(Output):
 
 
 def compare(
-    first: File,
-    second: File | None = None,
+    first: files.File,
+    second: files.File | None = None,
     *,
     vehicle: str = "",
     periods: Sequence[str] = (),
     values: str = "map",
     region: Mapping[str, tuple[float, float]] | None = None,
     gates: Sequence[str] = (),
-    figure: File | None = None,
+    figure: files.File | None = None,
 ) -> CompareOutput:
     """Return how the second map differs from the first, with intervals from the covariance of both.
 
@@ -81,10 +78,8 @@ def compare(
     ----------
     first, second : path
         Results for one kind of engine; the first is laid onto the axes of the second. With `vehicle`, a fleet alone.
-    vehicle : str
-        A vehicle of the fleet, whose map of one period is compared with that of another.
-    periods : two str
-        These periods, such as `2025-01`.
+    vehicle, periods : str, two str
+        A vehicle of the fleet, and the two periods, such as `2025-01`, whose maps are compared.
     values : str
         `map`: nodes that both have estimated; `extrapolation`: every node.
     region : mapping of str to (float, float), optional
@@ -100,8 +95,7 @@ def compare(
         Flows in kg/s. The errors of two results count as independent; constants of one engine that both share make the intervals
         wider than need be. Two periods of a vehicle share its engine and its drives, and their intervals take account of it.
     """
-    if values not in SOURCES:
-        raise UsageError(f"--values {values}: expected {' or '.join(SOURCES)}")
+    files.expect_one_of("--values", values, export.SOURCES)
     if vehicle or second is None:
         if values != "map":
             raise UsageError(f"--values {values}: a fleet contains no extrapolated maps; drop --values")
@@ -110,10 +104,10 @@ def compare(
                 "expected two results to compare, or one fleet with --vehicle NAME and two different periods, each given by "
                 "--period"
             )
-        change, later = _between(as_path(first), vehicle, (periods[0], periods[1]))
+        change, later = _between(files.as_path(first), vehicle, (periods[0], periods[1]))
         names = [f"{first}: {vehicle} {period}" for period in periods]
     else:
-        before, after = (read_surface(as_path(each), values) for each in (first, second))
+        before, after = (surfaces.read_surface(files.as_path(each), values) for each in (first, second))
         change, later, names = after.difference(before), after.values, [str(first), str(second)]
     on = np.flatnonzero(np.isfinite(change.values.ravel()) & np.isfinite(change.standard_error.ravel()))
     if not on.size:
@@ -121,8 +115,8 @@ def compare(
             f"{names[0]}, {names[1]}: no node has a value with a standard error in both maps; run `lpvobs extrapolate` on both "
             "results, then compare with --values extrapolation"
         )
-    nodes = Joint(change.values.ravel()[on], change.covariance[np.ix_(on, on)])
-    alike = Joint(nodes.values.mean(keepdims=True), nodes.covariance.mean(keepdims=True))
+    nodes = joint.Joint(change.values.ravel()[on], change.covariance[np.ix_(on, on)])
+    alike = joint.Joint(nodes.values.mean(keepdims=True), nodes.covariance.mean(keepdims=True))
     mean = alike if region is None else change.mean(region)
     rows = _significant(change, later, nodes, on)
     found = CompareOutput(
@@ -142,9 +136,9 @@ def compare(
     return found
 
 
-def _between(path: Path, vehicle: str, pair: tuple[str, str]) -> tuple[Surface, Array]:
+def _between(path: Path, vehicle: str, pair: tuple[str, str]) -> tuple[surfaces.Surface, Array]:
     """Return how the map of a vehicle has changed between a pair of periods, and the values of the later one."""
-    fleet = read_fleet(path)
+    fleet = fleets.read_fleet(path)
     kept, settings = fleet.kept, config_of(fleet.provenance.config, path).estimate
     sums = {each.vehicle: each for each in kept.sums}
     there = [each.period for each in fleet.found.maps if each.vehicle == vehicle]
@@ -158,14 +152,14 @@ def _between(path: Path, vehicle: str, pair: tuple[str, str]) -> tuple[Surface, 
     shape, known = fleet.grid.shape, np.isin(np.arange(fleet.grid.size), on)
     maps, covariance = np.full((2, known.size), np.nan), np.zeros((known.size, known.size))
     maps[:, on], covariance[np.ix_(on, on)] = values, errors
-    x, y = surface_axes(fleet.axes, fleet.grid)
+    x, y = surfaces.surface_axes(fleet.axes, fleet.grid)
     error = np.where(known, np.sqrt(np.diag(covariance)), np.nan).reshape(shape)
-    origin = np.where(known, ESTIMATED, NONE).astype(np.int8).reshape(shape)
+    origin = np.where(known, quadratic.ESTIMATED, surfaces.NONE).astype(np.int8).reshape(shape)
     before, after = maps.reshape(2, *shape)
-    return Surface(x, y, after - before, error, covariance, origin, "kg/s", "difference"), after
+    return surfaces.Surface(x, y, after - before, error, covariance, origin, "kg/s", "difference"), after
 
 
-def _draw(figure: File, maps: Sequence[File], change: Surface, found: CompareOutput) -> None:
+def _draw(figure: files.File, maps: Sequence[files.File], change: surfaces.Surface, found: CompareOutput) -> None:
     from lpvobs.report.content import view_of
     from lpvobs.report.figures import error_limit, error_map
 
@@ -174,7 +168,7 @@ def _draw(figure: File, maps: Sequence[File], change: Surface, found: CompareOut
     view = view_of(change, np.zeros(changed.shape, dtype=bool))
     alt, label = f"{found.second} minus {found.first}", "change of the sensor error [g/s]"
     drawn = error_map("change", alt, view, error_limit([view]), label, changed)
-    write_text(figure, drawn.replace("<svg", '<svg xmlns="http://www.w3.org/2000/svg"', 1), maps)
+    files.write_text(figure, drawn.replace("<svg", '<svg xmlns="http://www.w3.org/2000/svg"', 1), maps)
 
 
 def expect_gates(found: CompareOutput, gates: Sequence[str]) -> None:
@@ -203,7 +197,7 @@ def _in_units(gate: str) -> tuple[str, float]:
         raise UsageError(f"--gate '{gate}': '{unit}' is not a unit of flow; expected for example 0.5 g/s") from None
 
 
-def _significant(change: Surface, after: Array, nodes: Joint, on: NDArray[np.int64]) -> list[NodeChange]:
+def _significant(change: surfaces.Surface, after: Array, nodes: joint.Joint, on: NDArray[np.int64]) -> list[NodeChange]:
     """Return the nodes whose change is beyond its error, however many are looked at; the largest first."""
     least = scipy.special.ndtri(1.0 - 0.5 * FAMILY / on.size) * nodes.standard_error
     found = [i for i in np.argsort(-np.abs(nodes.values), kind="stable") if abs(nodes.values[i]) > least[i]]

@@ -96,7 +96,9 @@ def _said(config: Config, sums: BalanceSums, own: BalanceAgreement) -> Iterable[
                 f"{check.says} for {100 * share:.0f} % of the time, which a healthy engine never shows; check "
                 f"whether the two channels are exchanged, or whether one has a wrong unit or reference pressure"
             )
-    reads = _reads(sums)
+    reads = 1.0  # what the sensor reads over the flow of the first pair of balances, if there is one
+    if sums.flow.shape[1] and (flow := float(sums.flow[:, 0].sum())) > 0.0:
+        reads = float(sums.reading @ (sums.pairs[:, 0] / np.maximum(sums.blocks, 1.0))) / flow
     if not READS <= reads <= 1.0 / READS:
         yield (
             f"{config.kind.air_path.sensor} reads {reads:.2g} times the air flow that the engine model gives; check its "
@@ -114,13 +116,6 @@ def _said(config: Config, sums: BalanceSums, own: BalanceAgreement) -> Iterable[
             f"the air flow balances differ by {own.ratio:.1f} times what noise and tolerances allow, most at {place}; check "
             f"the constants in [engine], whether the log is of this engine, and whether the engine has a fault"
         )
-
-
-def _reads(sums: BalanceSums) -> float:
-    """Return what the sensor reads over the flow of the first pair of balances, 1 where there is none."""
-    if not sums.flow.shape[1] or not (flow := float(sums.flow[:, 0].sum())) > 0.0:
-        return 1.0
-    return float(sums.reading @ (sums.pairs[:, 0] / np.maximum(sums.blocks, 1.0))) / flow
 
 
 def _another_volume(volumes: Sequence[str], found: EngineFound | None) -> Iterable[str]:

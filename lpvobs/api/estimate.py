@@ -10,17 +10,14 @@ from typing import Annotated
 import h5py
 from msgspec import Meta
 
-from lpvobs.api import fleet, verify
+from lpvobs.api import files, fleet, known_engine, verify
 from lpvobs.api.doubts import Doubting
-from lpvobs.api.files import File, Files, Progress, as_path, refuse_copies, shown, some_logs, usable, writing
 from lpvobs.api.jobs import Workers, processors
-from lpvobs.api.known_engine import KnownEngine, engine_before
 from lpvobs.engines.base import AirPath
 from lpvobs.errors import UsageError
 from lpvobs.io.configuration.config import Config, load_config
 from lpvobs.io.logs import finding, reading
-from lpvobs.io.results import gains, results
-from lpvobs.io.results.parts import PartsFolder, StoredPart
+from lpvobs.io.results import gains, parts, results
 from lpvobs.io.results.provenance import Provenance, write_refused
 from lpvobs.kinds import Count, Output, Refused
 from lpvobs.maps.metrics import Metrics, compare
@@ -30,8 +27,7 @@ from lpvobs.observer.estimate import MapEstimate
 from lpvobs.observer.parts import StateGain
 from lpvobs.observer.settings import CONSTANTS
 from lpvobs.records import Log
-from lpvobs.report.outputs import LogOutput
-from lpvobs.report.spoken import headline
+from lpvobs.report import outputs, spoken
 
 MANY = 8  # number of logs from which on other processes are started, each of which takes about a second to start
 METHODS = ("observer", "published", "ekf", "batch")
@@ -57,7 +53,7 @@ class EstimateOutput(Output):
     result: str
     method: str
     headline: Annotated[str, Meta(description="Summary of the map in one sentence.")]
-    logs: Sequence[LogOutput]
+    logs: Sequence[outputs.LogOutput]
     refused: Refused
     map: NodeCounts
     scatter: Annotated[float, Meta(description="kg/s, scatter of a node between the maps of single logs")]
@@ -68,17 +64,17 @@ class EstimateOutput(Output):
 
 
 def estimate(
-    config: File,
-    logs: Files,
-    out: File,
+    config: files.File,
+    logs: files.Files,
+    out: files.File,
     *,
-    gain: File | None = None,
-    engine: File | None = None,
+    gain: files.File | None = None,
+    engine: files.File | None = None,
     method: str = "observer",
     constants: str | None = None,
     jobs: int | None = None,
     scheduler: str | None = None,
-    progress: Progress | None = None,
+    progress: files.Progress | None = None,
 ) -> fleet.Estimated:
     """Estimate the error map of the sensor from logs and write the result.
 
@@ -108,18 +104,22 @@ def estimate(
     `estimate.theta` and `estimate.standard_error` have the shape (p,) [kg/s], nodes in the order of Eq. (23); metrics are
     there where a log has references. Eq. (26) with gains that fall with information; departures from the paper: `docs/method.md`.
     """
-    paths = some_logs(logs)
-    configuration, text = load_config(as_path(config))
-    engine = engine or configuration.engine_file(as_path(config))
-    if method not in METHODS:
-        raise UsageError(f"--method {method}: unknown; expected one of {', '.join(METHODS)}")
-    with writing(out, [config, *paths, gain, engine]) as target:
+    paths = files.some_logs(logs)
+    configuration, text = load_config(files.as_path(config))
+    engine = engine or configuration.engine_file(files.as_path(config))
+    files.expect_one_of("--method", method, METHODS)
+    with files.writing(out, [config, *paths, gain, engine]) as target:
         if constants is not None:
-            configuration = with_constants(configuration, constants, method)
-        workers, told = workers_for(method, len(paths), jobs, scheduler), shown(progress)
+            files.expect_one_of("--constants", constants, CONSTANTS)
+            if method != "observer":
+                raise UsageError(
+                    f"--constants: the method {method} always uses the configured constants; drop --constants or --method"
+                )
+            configuration = replace(configuration, estimate=replace(configuration.estimate, constants=constants))
+        workers, told = workers_for(method, len(paths), jobs, scheduler), files.shown(progress)
         if engine is not None and method != "observer" and not configuration.kind.air_path.learns:
             raise UsageError(f"--method {method}: this method always uses the configured engine; drop --engine")
-        before = engine_before(configuration, paths, engine)
+        before = known_engine.engine_before(configuration, paths, engine)
         stored = gain_for(configuration, paths, gain, method, before.air_path)
         if method == "observer":
             done = fleet.estimate_fleet(before, text, stored.state, paths, target, workers, told)
@@ -127,23 +127,12 @@ def estimate(
             done = _one_after_another(before, stored.state, paths, method, told)
         says = _write(target, before, text, stored, paths, done)
         told(1.0)
-    return replace(done, engine=None if engine is None else as_path(engine), headline=says)
-
-
-def with_constants(config: Config, constants: str, method: str) -> Config:
-    """Return the configuration with another choice of what becomes of the engine's constants; raises UsageError for no choice."""
-    if constants not in CONSTANTS:
-        raise UsageError(f"--constants {constants}: unknown; expected one of {', '.join(CONSTANTS)}")
-    if method != "observer":
-        raise UsageError(
-            f"--constants: the method {method} always uses the configured constants; drop --constants or --method"
-        )
-    return replace(config, estimate=replace(config.estimate, constants=constants))
+    return replace(done, engine=None if engine is None else files.as_path(engine), headline=says)
 
 
 def _write(
     out: Path,
-    before: KnownEngine,
+    before: known_engine.KnownEngine,
     config_text: str,
     stored: gains.StoredGain,
     paths: Sequence[Path],
@@ -156,7 +145,7 @@ def _write(
     provenance = Provenance({**inputs, **before.inputs}, config_text)
     found, doubts = done.estimate, done.doubts
     seen = found.theta, found.covariance, found.supported
-    says = headline(found.grid, before.air_path.axes, *seen, doubts.driven, doubts.agreement.ratio)
+    says = spoken.headline(found.grid, before.air_path.axes, *seen, doubts.driven, doubts.agreement.ratio)
 
     def further(file: h5py.File) -> None:
         file.attrs["headline"] = says
@@ -167,7 +156,7 @@ def _write(
         before.write(file)
 
     results.write_result(out, before.air_path, found, done.summaries, stored, provenance, further)
-    PartsFolder(out, "", StoredPart).remove()
+    parts.PartsFolder(out, "", parts.StoredPart).remove()
     if found.method == "observer":
         from lpvobs.api.search_start import learn_healthy  # loads the search for effects
 
@@ -176,12 +165,12 @@ def _write(
 
 
 def _one_after_another(
-    before: KnownEngine, gain: StateGain, paths: Sequence[Path], method: str, progress: Progress
+    before: known_engine.KnownEngine, gain: StateGain, paths: Sequence[Path], method: str, progress: files.Progress
 ) -> fleet.Estimated:
     """Estimate by a method that goes through the logs in turn, the map of one being the start of the next."""
-    refuse_copies(paths)
+    files.refuse_copies(paths)
     config, air_path, settings, grid = before.config, before.air_path, before.config.estimate, before.config.grid()
-    logs, refused = usable(paths, partial(reading.read_log, channels=air_path.channels, policies=config.reading))
+    logs, refused = files.usable(paths, partial(reading.read_log, channels=air_path.channels, policies=config.reading))
     names = finding.log_names(paths)
     logs = {path: replace(log, name=names[path]) for path, log in logs.items()}
     progress(0.5)
@@ -215,9 +204,7 @@ def workers_for(method: str, logs: int, jobs: int | None, scheduler: str | None)
             "--jobs starts processes on this machine, but --scheduler uses workers on other machines; drop one of the two options"
         )
     if method != "observer" and (scheduler is not None or (jobs or 1) > 1):
-        raise UsageError(
-            f"--method {method}: this method processes one log after the other; drop --jobs and --scheduler"
-        )
+        raise UsageError(f"--method {method}: processes one log after the other; drop --jobs and --scheduler")
     if jobs is not None and jobs < 1:
         raise UsageError(f"--jobs {jobs}: expected a number of processes of at least 1")
     if jobs is None:
@@ -226,7 +213,7 @@ def workers_for(method: str, logs: int, jobs: int | None, scheduler: str | None)
 
 
 def gain_for(
-    config: Config, paths: Sequence[Path], gain: File | None, method: str, air_path: AirPath | None = None
+    config: Config, paths: Sequence[Path], gain: files.File | None, method: str, air_path: AirPath | None = None
 ) -> gains.StoredGain:
     """Return the gain to estimate with: the given one, proven again, or else one made for the method and the engine."""
     if gain is None:
@@ -235,8 +222,8 @@ def gain_for(
         if method == "published":
             return make_published_gain(config)
         return make_gain(config, paths, lenient=True, air_path=air_path)[0]
-    stored = gains.read_gain(as_path(gain))
-    gains.expect_engine(as_path(gain), stored, config)
+    stored = gains.read_gain(files.as_path(gain))
+    gains.expect_engine(files.as_path(gain), stored, config)
     verify.expect_proven(gain, verify.check_again(stored))
     return stored
 

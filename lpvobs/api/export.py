@@ -3,23 +3,22 @@
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from lpvobs.api.files import File, as_path, writing
+from lpvobs.api.files import File, as_path, expect_one_of, write_text, writing
+from lpvobs.api.known_engine import stored_config
 from lpvobs.engines.registry import ENGINES
 from lpvobs.errors import UsageError
 from lpvobs.io.calibration import dcm, files
-from lpvobs.io.calibration.a2l import A2lMap, read_a2l_map
+from lpvobs.io.calibration.a2l import read_a2l_map
 from lpvobs.io.calibration.files import Change
-from lpvobs.io.configuration.config import config_of
 from lpvobs.io.logs.units import canonical
-from lpvobs.io.results import surfaces
-from lpvobs.io.results.hdf import reading
-from lpvobs.io.results.results import KIND, REMEDY
-from lpvobs.io.safety.atomic import file_digest, replacing
+from lpvobs.io.results import hdf, results, surfaces
+from lpvobs.io.safety.atomic import file_digest
 
 FORMATS = ("dcm", "cdfx", "csv", "netcdf", "lab")
 SOURCES = ("map", "extrapolation")
 WIDEST = 0.1
 """Of the mean air flow: sensors in service are off by up to ten per cent, and what is less sure than that corrects nothing."""
+AS_FACTOR = "factor of the mass air flow sensor: truth is reading times factor"
 
 
 @dataclass(frozen=True)
@@ -54,19 +53,14 @@ def export(
 
     Parameters
     ----------
-    result : path
-    out : path
-        The file to write.
     file_format : str
         `dcm`, `cdfx`, `csv`, `netcdf`; or `lab`, a label list of the map and of the channels that a log needs.
     values : str
         `map` or `extrapolation`; by default the latter if there is one.
     only_estimated : bool
         No extrapolated node: the old value there, or nothing.
-    old : path, optional
-        A DCM with the map as it was: its axes, units and kind stay.
-    name : str
-        Label of the map.
+    old, name : path, str
+        A DCM with the map as it was, whose axes, units and kind stay; the label of the map, in both.
     kind : str
         `KENNFELD` or `GRUPPENKENNFELD`; by default the old map's, which may be FESTKENNFELD, else the former.
     digits : int
@@ -86,24 +80,25 @@ def export(
     with writing(out, [result, before, described]) as target:
         path = as_path(result)
         if file_format == "lab":
-            with reading(path, KIND, REMEDY) as file:
+            with hdf.reading(path, results.KIND, results.REMEDY) as file:
                 engine = ENGINES[str(file.attrs["air_path"])]
-            _write(target, files.lab_text([name], [*engine.air_path.channels]), dcm.ENCODING)
+            write_text(target, files.lab_text([name], [*engine.air_path.channels]), encoding=dcm.ENCODING)
             return Exported(surfaces.read_surface(path, values), None, 0.0)
         most = widest * surfaces.mean_flow(path)
         surface = surfaces.read_surface(path, values)
         its = None if described is None else read_a2l_map(described, name)
         was = None if before is None else dcm.read_dcm_map(before, name)
-        unit = unit or _given_unit(its, was)
+        if not unit:  # that of the other files, if kg/s cannot be converted to it
+            given = its.unit if its is not None else was.unit if was is not None else ""
+            unit = given if canonical(given or "kg/s") in (files.PERCENT, files.PER_STROKE) else "kg/s"
         meant = replace(surface, unit={files.FACTOR: "1"}.get(unit, unit))
         known = files.described(described, its, meant) if described and its else None
         known = known if before is None or was is None else files.understood(before, was, meant)
         if known is not None:
             surface = surfaces.onto(surface, known.ours.x, known.ours.y)
         surface = _in_unit(path, surface.without_wide(most), unit)
-        surface = surfaces.keep_old(
-            surface, None if was is None or known is None else known.ours.values.T, only_estimated
-        )
+        kept = None if was is None or known is None else known.ours.values.T
+        surface = surfaces.keep_old(surface, kept, only_estimated)
         comments = _comments(path, surface, before)
         if left := int((surface.origin == surfaces.LEFT_OUT).sum()):
             comments.append(
@@ -112,7 +107,7 @@ def export(
             )
         limited = 0
         if file_format == "csv":
-            _write(target, files.csv_text(surface, digits), "utf-8")
+            write_text(target, files.csv_text(surface, digits))
         elif file_format == "netcdf":
             files.write_netcdf(target, surface, comments)
         else:
@@ -120,7 +115,7 @@ def export(
             comments.insert(2, f"numbers rounded to {digits} significant digits")
             item = files.as_dcm(surface, name, kind, known, 1.0 if unit == files.FACTOR else 0.0)
             if unit == files.FACTOR and was is None:
-                item = replace(item, long_name="factor of the mass air flow sensor: truth is reading times factor")
+                item = replace(item, long_name=AS_FACTOR)
             if its is not None:
                 held, limited = its.fitted(item.values)
                 item = replace(item, values=held)
@@ -128,30 +123,17 @@ def export(
                     f"{limited} values clipped to the control unit's limits {its.lower:g} to {its.upper:g} {its.unit}"
                 )
             if file_format == "dcm":
-                _write(target, dcm.dcm_text(item, digits, comments), dcm.ENCODING)
+                write_text(target, dcm.dcm_text(item, digits, comments), encoding=dcm.ENCODING)
             else:
-                _write(target, files.cdfx_text(item, digits, comments), "utf-8")
+                write_text(target, files.cdfx_text(item, digits, comments))
     changed = None if was is None or known is None else files.changes(surface, known, digits)
     return Exported(surface, changed, most, limited)
-
-
-def _write(path: Path, text: str, encoding: str) -> None:
-    with replacing(path) as temporary:
-        temporary.write_text(text, encoding=encoding, errors="replace", newline="")
-
-
-def _given_unit(its: A2lMap | None, old: dcm.DcmMap | None) -> str:
-    """Return the unit that the other files have the values in, where it is one that cannot be converted to; else kg/s."""
-    unit = (its.unit if its is not None else old.unit if old is not None else "") or "kg/s"
-    return unit if canonical(unit) in (files.PERCENT, files.PER_STROKE) else "kg/s"
 
 
 def _in_unit(path: Path, surface: surfaces.Surface, unit: str) -> surfaces.Surface:
     share, cylinders = unit in (files.FACTOR, files.PERCENT), 0.0
     if canonical(unit) == files.PER_STROKE:
-        with reading(path, KIND, REMEDY) as file:
-            text = str(file["provenance"].attrs["config"])
-        cylinders = config_of(text, path).engine_path().cylinders
+        cylinders = stored_config(path, results.KIND, results.REMEDY).engine_path().cylinders
         if not cylinders:
             raise UsageError(
                 f"--unit {unit}: this kind of engine has no number of cylinders; expected a unit of flow, % or factor"
@@ -163,13 +145,9 @@ def _in_unit(path: Path, surface: surfaces.Surface, unit: str) -> surfaces.Surfa
 def _refuse_contradictions(
     file_format: str, values: str, only_estimated: bool, old: Path | None, name: str, kind: str, digits: int
 ) -> None:
-    for option, value, known in (
-        ("--format", file_format, FORMATS),
-        ("--values", values or "map", SOURCES),
-        ("--kind", kind or "KENNFELD", dcm.KINDS),
-    ):
-        if value not in known:
-            raise UsageError(f"{option} {value}: expected {' or '.join(known)}")
+    expect_one_of("--format", file_format, FORMATS)
+    expect_one_of("--values", values or "map", SOURCES)
+    expect_one_of("--kind", kind or "KENNFELD", dcm.KINDS)
     if not dcm.NAME.fullmatch(name):
         raise UsageError(
             f"--name {name}: expected a label of letters, digits, '_', '.', '[' or ']' that begins with a letter or '_'"
@@ -177,9 +155,7 @@ def _refuse_contradictions(
     if not 2 <= digits <= 17:
         raise UsageError(f"--digits {digits}: expected 2 to 17 significant digits")
     if kind and file_format != "dcm":
-        raise UsageError(
-            f"--kind {kind}: only the format dcm has kinds of maps; drop --kind for the format {file_format}"
-        )
+        raise UsageError(f"--kind {kind}: only the format dcm has kinds of maps; drop --kind for {file_format}")
     if file_format in ("dcm", "cdfx") and only_estimated and old is None:
         raise UsageError(
             f"--only-estimated: a {file_format.upper()} needs a value at every node; give other nodes a value with --old OLD.dcm"
@@ -188,12 +164,9 @@ def _refuse_contradictions(
 
 def _comments(result: Path, surface: surfaces.Surface, old: Path | None) -> list[str]:
     """Return what a file says of its origin; nothing that depends on the day or the machine."""
-    lines = [
-        f"lpvobs export of /{surface.source} from {result.name}, sha256 {file_digest(result)}",
-        f"error of the mass air flow sensor, reading minus truth, {surface.unit}"
-        if surface.unit != "1"
-        else "factor of the mass air flow sensor: truth is reading times factor",
-    ]
+    error = f"error of the mass air flow sensor, reading minus truth, {surface.unit}"
+    lines = [f"lpvobs export of /{surface.source} from {result.name}, sha256 {file_digest(result)}"]
+    lines.append(AS_FACTOR if surface.unit == "1" else error)
     if old is not None:
         lines.append(f"axes, and values of nodes without a new value, from {old.name}, sha256 {file_digest(old)}")
     return lines

@@ -8,23 +8,15 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta
 
-from lpvobs.api.export import FORMATS as MAP_FORMATS
-from lpvobs.api.export import SOURCES
-from lpvobs.api.files import File, as_path, writing
-from lpvobs.api.known_engine import known_engine
-from lpvobs.api.verify import check_again, expect_proven
+from lpvobs.api import export, verify
+from lpvobs.api.files import File, as_path, expect_one_of, write_text, writing
+from lpvobs.api.known_engine import known_engine, stored_config
 from lpvobs.engines.base import AirPath
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.calibration.files import Change
-from lpvobs.io.configuration.config import Config, config_of
+from lpvobs.io.configuration.config import Config
 from lpvobs.io.control_unit.sources import MEMORY, Unit, sources, write_fmu
-from lpvobs.io.results.engines import read_corrections, read_engine
-from lpvobs.io.results.gains import StoredGain, expect_engine, read_gain
-from lpvobs.io.results.hdf import reading
-from lpvobs.io.results.mapping import read
-from lpvobs.io.results.provenance import Provenance
-from lpvobs.io.results.results import KIND, REMEDY, read_result
-from lpvobs.io.results.surfaces import read_surface
+from lpvobs.io.results import engines, gains, hdf, results, surfaces
 from lpvobs.io.safety.atomic import file_digest, replacing
 from lpvobs.kinds import Count, Output
 from lpvobs.maps.quadratic import ESTIMATED
@@ -32,7 +24,7 @@ from lpvobs.records import Array
 
 FORMATS = ("c99", "fmu")
 MAP_GAINS = ("falling", "constant")
-STARTS = ("zero", *SOURCES)
+STARTS = ("zero", *export.SOURCES)
 
 
 class ExportedUnit(Output):
@@ -51,8 +43,8 @@ class ExportOutput(Output):
     """A map for calibration tools and what it changes, or an observer for a control unit."""
 
     out: str
-    format: Annotated[str, Meta(extra_json_schema={"enum": (*MAP_FORMATS, *FORMATS)})]
-    values: Annotated[str, Meta(extra_json_schema={"enum": (*SOURCES, "zero")})]
+    format: Annotated[str, Meta(extra_json_schema={"enum": (*export.FORMATS, *FORMATS)})]
+    values: Annotated[str, Meta(extra_json_schema={"enum": (*export.SOURCES, "zero")})]
     digits: Count
     nodes: Annotated[Mapping[str, Count], Meta(description="By origin.")]
     changes: Sequence[Change] | None
@@ -78,12 +70,8 @@ def export_unit(
 
     Parameters
     ----------
-    gain : path
-        Made by `synth_gain`.
-    out : path
-        The folder of the sources, or the FMU.
-    file_format : str
-        `c99` or `fmu`.
+    out, file_format : path, str
+        The folder of the sources for `c99`, the FMU for `fmu`.
     result : path, optional
         Its map is where the observer starts, and its engine, with the corrections of components as tables, the one that the
         observer has; by default zero, and as configured.
@@ -99,16 +87,15 @@ def export_unit(
     -----
     Eq. (26) and (36) by backward Euler on smoothed signals, as `lpvobs.observer.recursion`.
     """
-    stored = read_gain(as_path(gain))
+    stored = gains.read_gain(as_path(gain))
     falling = _falls(stored, map_gain)
-    if file_format not in FORMATS:
-        raise UsageError(f"--format {file_format}: expected {' or '.join(FORMATS)}")
+    expect_one_of("--format", file_format, FORMATS)
     if not 1.0 <= rate <= 10_000.0:
         raise UsageError(f"--rate {rate:g}: expected 1 to 10000 samples a second")
     pivots = {}
     for name, number in (("double", np.float64), ("float", np.float32)):
         rounded = replace(stored, gain=replace(stored.gain, L=stored.gain.L.astype(number).astype(float), bound=None))
-        pivots[name] = expect_proven(f"{gain} rounded to {name}", check_again(rounded)).smallest_pivot
+        pivots[name] = verify.expect_proven(f"{gain} rounded to {name}", verify.check_again(rounded)).smallest_pivot
     start, calibrated = (None if path is None else as_path(path) for path in (result, engine))
     unit = unit_of(as_path(gain), stored, start, falling, rate, calibrated)
     made = sources(unit)
@@ -128,11 +115,10 @@ def export_unit(
     )
 
 
-def _falls(stored: StoredGain, map_gain: str) -> bool:
+def _falls(stored: gains.StoredGain, map_gain: str) -> bool:
     """Return whether the map's gain falls; raises UsageError where nothing is proven of that."""
     cascade = not stored.gain.L[:, -1].any()
-    if map_gain not in ("", *MAP_GAINS):
-        raise UsageError(f"--map-gain {map_gain}: expected {' or '.join(MAP_GAINS)}")
+    expect_one_of("--map-gain", map_gain or MAP_GAINS[0], MAP_GAINS)
     if map_gain == "falling" and not cascade:
         raise UsageError(
             "--map-gain falling: stability is not proven for this observer gain, because its last column is not zero; give "
@@ -142,17 +128,16 @@ def _falls(stored: StoredGain, map_gain: str) -> bool:
 
 
 def unit_of(
-    gain: Path, stored: StoredGain, result: Path | None, falling: bool, rate: float, engine: Path | None = None
+    gain: Path, stored: gains.StoredGain, result: Path | None, falling: bool, rate: float, engine: Path | None = None
 ) -> Unit:
     """Return what the C is made from; raises as `export_unit` does."""
     origin, start, corrections = f"gain {file_digest(gain)}", STARTS[0], dict[str, Array]()
     if result is None:
-        with reading(gain, "gain", "make it with `lpvobs synth-gain`") as file:
-            config = config_of(read(file["provenance"], Provenance).config, gain)
+        config = stored_config(gain, "gain", "make it with `lpvobs synth-gain`")
         air_path = config.engine_path()
         theta, driven = np.zeros((2, *config.grid().shape))
         if engine is not None:
-            known, origin = read_engine(engine, air_path), f"{origin}, engine {file_digest(engine)}"
+            known, origin = engines.read_engine(engine, air_path), f"{origin}, engine {file_digest(engine)}"
             air_path = air_path.knowing(known.learned.known) if known.learned else air_path.deviating(known.deviation)
             corrections = known.corrections()
         elif air_path.learns:
@@ -164,10 +149,10 @@ def unit_of(
         raise UsageError(f"--engine {engine}: {result} already contains an engine; drop --engine or the result")
     else:
         config, air_path, corrections = _of_map(result)
-        surface = read_surface(result)
+        surface = surfaces.read_surface(result)
         theta, driven, start = surface.values, MEMORY * (surface.origin == ESTIMATED), surface.source
         origin += f", result {file_digest(result)}"
-    expect_engine(gain, stored, config)
+    gains.expect_engine(gain, stored, config)
     return Unit(
         kind=config.kind,
         air_path=air_path,
@@ -189,24 +174,21 @@ def unit_of(
 
 def _of_map(result: Path) -> tuple[Config, AirPath, dict[str, Array]]:
     """Return configuration and engine of a map, and the values of the engine's corrections."""
-    found = read_result(result)
+    found = results.read_result(result)
     engine = known_engine(found)
     if found.engine is None or engine.air_path.learns:
         return engine.config, engine.air_path, {}
     told = dict(zip(found.engine.constants, found.engine.deviation.tolist(), strict=True))
     # the state is observed with the configured volumes, as the gain is certified
     deviation = {name: share for name, share in told.items() if name not in engine.air_path.volumes}
-    with reading(result, KIND, REMEDY) as file:
-        return engine.config, engine.air_path.deviating(deviation), read_corrections(file, engine.air_path)
+    with hdf.reading(result, results.KIND, results.REMEDY) as file:
+        return engine.config, engine.air_path.deviating(deviation), engines.read_corrections(file, engine.air_path)
 
 
 def _write_folder(folder: Path, made: Mapping[str, str]) -> None:
     try:
         folder.mkdir(exist_ok=True)
     except OSError as error:
-        raise DataError(
-            f"{folder}: this folder cannot be created ({error.strerror}); name another folder with --out"
-        ) from None
+        raise DataError(f"{folder}: cannot be created ({error.strerror}); name another folder with --out") from None
     for name, text in made.items():
-        with replacing(folder / name) as temporary:
-            temporary.write_text(text, encoding="utf-8")
+        write_text(folder / name, text)

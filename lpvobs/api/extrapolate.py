@@ -8,7 +8,7 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from lpvobs.api.files import File, updating
+from lpvobs.api.files import File, expect_one_of, updating
 from lpvobs.errors import UsageError
 from lpvobs.io.results.results import StoredResult, read_result, update
 from lpvobs.io.results.surfaces import axes_of, write_extrapolation
@@ -52,14 +52,12 @@ def extrapolate(result: File, method: str = "kriging", *, smooth: bool = False) 
     Coefficients of Eq. (37) are in kg/s over the units of the map's axes. The observer as published has no covariance: its nodes
     count alike, and a quadratic is all that they allow.
     """
-    _, filled, held = fill(result, method, smooth)
-    return filled, held
+    return fill(result, method, smooth)[1:]
 
 
 def fill(result: File, method: str = "kriging", smooth: bool = False) -> tuple[StoredResult, Filled, float]:
     """Return what `extrapolate` does behind the result that has it."""
-    if method not in METHODS:
-        raise UsageError(f"--method {method}: expected {' or '.join(METHODS)}")
+    expect_one_of("--method", method, METHODS)
     if smooth and method == "quadratic":
         raise UsageError(
             "--smooth: only --method kriging can smooth the estimated nodes, not the quadratic; drop --smooth, or use --method "

@@ -2,7 +2,7 @@
 
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any, TypeAlias, TypeVar
@@ -63,6 +63,12 @@ def refuse_copies(paths: Sequence[Path]) -> None:
                 seen[digest] = path
 
 
+def expect_one_of(option: str, value: str, known: Collection[str]) -> None:
+    """Raise UsageError for a value that an option does not have."""
+    if value not in known:
+        raise UsageError(f"{option} {value}: expected one of {', '.join(known)}")
+
+
 @contextmanager
 def writing(out: File, read: Iterable[File | None]) -> Iterator[Path]:
     """Yield the file to write, which nobody else writes meanwhile; raise UsageError if it is one of those that are read."""
@@ -74,10 +80,10 @@ def writing(out: File, read: Iterable[File | None]) -> Iterator[Path]:
         yield path
 
 
-def write_text(out: File, text: str, read: Iterable[File | None]) -> None:
-    """Write a text file as a whole; raises as `writing` does."""
+def write_text(out: File, text: str, read: Iterable[File | None] = (), encoding: str = "utf-8") -> None:
+    """Write a text file as a whole, `?` for what the encoding does not have; raises as `writing` does."""
     with writing(out, read) as target, replacing(target) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+        temporary.write_text(text, encoding=encoding, errors="replace", newline="")
 
 
 @contextmanager

@@ -17,13 +17,10 @@ from lpvobs.api.doubts import Doubting, Doubts
 from lpvobs.api.files import Progress, refuse_copies, within
 from lpvobs.api.jobs import Workers
 from lpvobs.api.known_engine import KnownEngine
-from lpvobs.engines.base import AirPath
-from lpvobs.engines.channels import Suspects
+from lpvobs.engines import base, channels
 from lpvobs.errors import DataError
-from lpvobs.io.logs.finding import log_names
-from lpvobs.io.logs.parquet import has_references
+from lpvobs.io.logs import finding, parquet, reading
 from lpvobs.io.logs.policies import LogPolicies
-from lpvobs.io.logs.reading import LogFile, references
 from lpvobs.io.results.parts import Left, PartsFolder, StoredPart, run_key
 from lpvobs.io.results.results import LogSummary, summary_of
 from lpvobs.maps.grid import Grid
@@ -71,7 +68,7 @@ class PartTask:
     grid: Grid
     gain: StateGain
     policies: LogPolicies
-    suspects: Suspects
+    suspects: channels.Suspects
     alone: bool
     done: frozenset[str] = frozenset()
     seconds: float = np.inf
@@ -142,7 +139,7 @@ def estimate_fleet(
     """
     refuse_copies(paths)
     config, air_path = before.config, before.air_path
-    grid, names = config.grid(), log_names(paths)
+    grid, names = config.grid(), finding.log_names(paths)
     several = len(paths) > 1  # a single log leaves nothing to go on with: its part ends with the run
     with workers:
         task = begun(before, gain, workers)
@@ -187,7 +184,7 @@ def estimate_fleet(
             agreed = agreements(apart(workers, called, partial(differences, read, solution, config.estimate.prior_map)))
         units = {axis.channel: air_path.channels[axis.channel].unit for axis in air_path.axes}
         judging = partial(compared, grid, estimate.theta, units)
-        known = [(sha256, path, kept[sha256]) for sha256, path in found.items() if has_references(path)]
+        known = [(sha256, path, kept[sha256]) for sha256, path in found.items() if parquet.has_references(path)]
         judged_by = finished(workers, judging, known, within(progress, done, 0.1 * done + 0.9))
         metrics = {sha256: result for (sha256, *_), result in judged_by}
     runs, ratios = estimate.runs, doubts.ratios
@@ -204,7 +201,7 @@ def estimate_fleet(
     )
 
 
-def learned_digest(air_path: AirPath) -> str:
+def learned_digest(air_path: base.AirPath) -> str:
     """Return a digest of what an engine has learned, nothing of one that learns nothing."""
     known = air_path.knowledge()
     return "" if known is None else known.digest()
@@ -312,7 +309,7 @@ def refuse_empty(estimate: MapEstimate) -> None:
 def part_of(task: PartTask, path: Path) -> LogOutcome[StoredPart]:
     """Go through one log."""
 
-    def stored(log: LogFile, beginning: Beginning) -> StoredPart:
+    def stored(log: reading.LogFile, beginning: Beginning) -> StoredPart:
         point = task.point
         watched = Watched(beginning, judged(point.configured, point.settings, point.known), task.grid, task.suspects)
         return StoredPart(task.inform(watched), log.kept, watched.sums)
@@ -320,11 +317,11 @@ def part_of(task: PartTask, path: Path) -> LogOutcome[StoredPart]:
     return gone_through(task, path, stored)
 
 
-def gone_through(task: PartTask, path: Path, left: Callable[[LogFile, Beginning], Left]) -> LogOutcome[Left]:
+def gone_through(task: PartTask, path: Path, left: Callable[[reading.LogFile, Beginning], Left]) -> LogOutcome[Left]:
     """Go through one log for what it leaves; a log that cannot be used is an outcome, not a failure."""
     sha256 = ""
     try:
-        log = LogFile(path, task.point.air_path.channels, task.policies, threads=task.alone)
+        log = reading.LogFile(path, task.point.air_path.channels, task.policies, threads=task.alone)
         sha256 = log.sha256
         if sha256 in task.done:
             return LogOutcome(sha256)
@@ -339,7 +336,7 @@ def compared(
 ) -> Metrics:
     """Compare a map with the references of one log: its digest, its file, and which of its rows were used."""
     _, path, kept = log
-    read = partial(references, path, units, kept)
+    read = partial(reading.references, path, units, kept)
     if len(kept) == 1:  # fits into memory: no need to read it twice
         pieces = list(read())
         return compare_pieces(grid, theta, lambda: pieces)  # type: ignore[arg-type, return-value]

@@ -6,9 +6,7 @@ from typing import Any
 import numpy as np
 
 from lpvobs.api.files import File, Files, as_path, some, write_text, writing
-from lpvobs.ingest import foreign, profiles
-from lpvobs.ingest.drafting import draft_profile as draft
-from lpvobs.ingest.record import KEY
+from lpvobs.ingest import drafting, foreign, profiles, record
 from lpvobs.io.logs import finding, parquet
 from lpvobs.kinds import Output
 
@@ -34,7 +32,7 @@ def ingest_log(
         rules, by = profiles.load_profile(str(profile))
         with np.errstate(over="ignore", invalid="ignore"):  # what overflows is no value
             made = foreign.ingest(paths, rules, by)
-        parquet.write_log(target, made.channels, made.units, {KEY: json.dumps(made.record)} | origin)
+        parquet.write_log(target, made.channels, made.units, {record.KEY: json.dumps(made.record)} | origin)
     return dict(made.record)
 
 
@@ -59,7 +57,7 @@ def draft_profile(source: File, out: File | None = None, names: File | None = No
         Your own table of names, which comes first: a CSV or INCA `.lab` file with lines `NAME;CHANNEL`.
     """
     own = None if names is None else as_path(names)
-    text = draft(as_path(source), own)
+    text = drafting.draft_profile(as_path(source), own)
     if out is not None:
         write_text(out, text, [source, names])
     return text

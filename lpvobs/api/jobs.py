@@ -172,9 +172,7 @@ def _client(address: str, patience: float) -> Any:
     try:
         from distributed import Client
     except ImportError:
-        raise UsageError(
-            "--scheduler needs Dask, which is not installed; install it with: pip install 'lpvobs[cluster]'"
-        ) from None
+        raise UsageError("--scheduler needs Dask; install it with: pip install 'lpvobs[cluster]'") from None
     until = time.monotonic() + patience
     while True:
         try:

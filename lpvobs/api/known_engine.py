@@ -54,6 +54,12 @@ class KnownEngine:
         return engines.Learning(known, self.healthy, self.residual_model().balances)
 
 
+def stored_config(path: Path, kind: str, remedy: str) -> Config:
+    """Return the configuration that a gain, an engine or a result was made with; raises DataError if the file is none of that."""
+    with hdf.reading(path, kind, remedy) as file:
+        return config_of(str(file["provenance"].attrs["config"]), path)
+
+
 def known_engine(stored: results.StoredResult, engine: File | None = None) -> KnownEngine:
     """Return the engine of a result, or of a calibration in place of that; raises DataError where it lacks what it should know."""
     config = config_of(stored.provenance.config, stored.path)

@@ -67,9 +67,7 @@ class Map(Surface):
         try:
             import xarray
         except ImportError:
-            raise UsageError(
-                "to_xarray needs the library xarray; install it with: pip install 'lpvobs[notebook]'"
-            ) from None
+            raise UsageError("to_xarray needs xarray; install it with: pip install 'lpvobs[notebook]'") from None
         axes = [(axis.name, axis.nodes, {"units": axis.unit, "long_name": axis.long_name}) for axis in (self.x, self.y)]
         both, unit = [name for name, *_ in axes], {"units": self.unit}
         contents = {

@@ -6,39 +6,33 @@ from pathlib import Path
 
 import h5py
 
-from lpvobs.api import fleet
+from lpvobs.api import files, fleet, trace, verify
 from lpvobs.api.estimate import metrics_of
-from lpvobs.api.files import File, Files, Progress, as_path, as_paths, shown, some_logs, within, writing
-from lpvobs.api.trace import Closed, Traced, TraceOutput, close
-from lpvobs.api.verify import problem_of
 from lpvobs.discovery.known_effects import KnownEffect, from_off
 from lpvobs.discovery.observed import Refined, observed
 from lpvobs.io.logs.finding import find_logs
-from lpvobs.io.results.gains import StoredGain
-from lpvobs.io.results.hdf import changing
+from lpvobs.io.results import gains, hdf, refinements, results
 from lpvobs.io.results.provenance import Provenance
-from lpvobs.io.results.refinements import write_sensor_state
-from lpvobs.io.results.results import refuse_replaced, summary_of, write_result
 from lpvobs.io.safety.atomic import replacing
 from lpvobs.observer.estimate import MapEstimate, Point, of_parts
 from lpvobs.observer.parts import inform_observed
 from lpvobs.synthesis.sensor_state import SensorState, with_sensor_state
 
 
-class RefineOutput(TraceOutput):
+class RefineOutput(trace.TraceOutput):
     """What was added to the model, error before and after."""
 
 
 def refine(
-    result: File,
-    logs: Files,
-    out: File,
+    result: files.File,
+    logs: files.Files,
+    out: files.File,
     *,
-    hold_out: Files = (),
+    hold_out: files.Files = (),
     freeze_map: bool | None = None,
-    engine: File | None = None,
-    progress: Progress | None = None,
-) -> Traced:
+    engine: files.File | None = None,
+    progress: files.Progress | None = None,
+) -> trace.Traced:
     """Add the effects that the logs prove to the model, estimate again, and write the refined result.
 
     Without a finding the model of before is written, byte for byte. Effects that the model had already are estimated again with
@@ -58,15 +52,15 @@ def refine(
     Traced
         As of `trace`, and with the error after.
     """
-    paths, unseen = some_logs(logs), find_logs(as_paths(hold_out))
-    with writing(out, [result, *paths, *unseen, engine]) as target:
-        told = shown(progress)
-        searched = within(told, 0.0, 0.95)
-        closed = close(as_path(result), paths, unseen, freeze_map, searched, anew=True, calibrated=engine)
+    paths, unseen = files.some_logs(logs), find_logs(files.as_paths(hold_out))
+    with files.writing(out, [result, *paths, *unseen, engine]) as target:
+        told = files.shown(progress)
+        searched = files.within(told, 0.0, 0.95)
+        closed = trace.close(files.as_path(result), paths, unseen, freeze_map, searched, anew=True, calibrated=engine)
         if not closed.traced.found.findings:
             with replacing(target) as temporary:
                 shutil.copyfile(closed.stored.path, temporary)
-                refuse_replaced(closed.stored)
+                results.refuse_replaced(closed.stored)
         elif closed.traced.map_frozen:
             _write_beside(target, closed)
         else:
@@ -75,28 +69,27 @@ def refine(
     return closed.traced
 
 
-def _write_beside(out: Path, closed: Closed) -> None:
+def _write_beside(out: Path, closed: trace.Closed) -> None:
     """Write the effects beside a map that stands; the observer with a further state is proven here, too."""
     stored, effects = closed.stored, closed.refinement.known_effects
     proven = sensor_state(refined_model(closed, effects), stored.gain)
-    with changing(stored.path, out) as file:
+    with hdf.changing(stored.path, out) as file:
         for group in ("trace", "refinement"):
-            if group in file:
-                del file[group]
+            file.pop(group, None)
         closed.write(file, effects)
         if proven is not None:
-            write_sensor_state(file["refinement"], proven, stored.gain)
-        refuse_replaced(stored)
+            refinements.write_sensor_state(file["refinement"], proven, stored.gain)
+        results.refuse_replaced(stored)
 
 
-def _write_anew(out: Path, closed: Closed) -> None:
+def _write_anew(out: Path, closed: trace.Closed) -> None:
     """Write the map that the observer finds with the effects in the model, and the effects."""
     stored, air_path = closed.stored, closed.engine.air_path
     effects = tuple(from_off(effect) for effect in closed.refinement.known_effects)
     refined = refined_model(closed, effects)
     estimate = estimate_refined(closed, refined)
     logs = tuple(
-        summary_of(run, metrics_of(air_path, estimate, file, log))
+        results.summary_of(run, metrics_of(air_path, estimate, file, log))
         for (file, log), run in zip(closed.used.items(), estimate.runs, strict=True)
     )
     proven = sensor_state(refined, stored.gain)
@@ -106,12 +99,12 @@ def _write_anew(out: Path, closed: Closed) -> None:
         closed.write(file, effects)
         closed.engine.write(file)
         if proven is not None:
-            write_sensor_state(file["refinement"], proven, stored.gain)
+            refinements.write_sensor_state(file["refinement"], proven, stored.gain)
 
-    write_result(out, air_path, estimate, logs, stored.gain, provenance, further)
+    results.write_result(out, air_path, estimate, logs, stored.gain, provenance, further)
 
 
-def estimate_refined(closed: Closed, refined: Refined) -> MapEstimate:
+def estimate_refined(closed: trace.Closed, refined: Refined) -> MapEstimate:
     """Return the map that the logs give with the effects in the model, by the default method."""
     engine, region, constants = closed.engine, closed.stored.gain.gain.region, closed.constants
     air_path, grid = refined.air_path, engine.config.grid()
@@ -127,7 +120,7 @@ def estimate_refined(closed: Closed, refined: Refined) -> MapEstimate:
     return estimate
 
 
-def refined_model(closed: Closed, effects: tuple[KnownEffect, ...]) -> Refined:
+def refined_model(closed: trace.Closed, effects: tuple[KnownEffect, ...]) -> Refined:
     """Return the model as the observer has it: the engine with its unknowns where the joint fit has them, and the effects.
 
     `estimate` takes the constants as configured, and carries their tolerance into the standard errors. Beside effects they
@@ -141,14 +134,14 @@ def refined_model(closed: Closed, effects: tuple[KnownEffect, ...]) -> Refined:
     return Refined(there.residual_model(), there.air_path, gain.outputs, gain.gain.L, smoothing, effects)
 
 
-def sensor_state(refined: Refined, gain: StoredGain) -> SensorState | None:
+def sensor_state(refined: Refined, gain: gains.StoredGain) -> SensorState | None:
     """Return gain and proof of the observer with the sensor's state, None where no effect adds one.
 
     Raises NotProven if the larger observer cannot be proven.
     """
     if not refined.lags:
         return None
-    problem = problem_of(refined.air_path, gain.outputs, gain.gain.region)
+    problem = verify.problem_of(refined.air_path, gain.outputs, gain.gain.region)
     ends = [edge for effect in refined.lags for edge in (*effect.ci90, effect.value)]
     shortest = min(edge for edge in ends if edge > 0.0)
     return with_sensor_state(problem, gain.gain, (shortest, max(ends)), refined.correction())

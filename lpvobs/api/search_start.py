@@ -123,18 +123,13 @@ def search_start(model: ResidualModel, known: Start, refined: StoredRefinement |
     """
     if refined is None or any(effect.took_part(logs) for effect in refined.effects):
         return known
-    moved, covariance = _refined_constants(model, refined)
-    shift = np.array([moved[name] - known.constants.get(name, 0.0) for name in model.names])
-    prior = replace(known.prior, mean=known.prior.mean + known.prior.sensitivity @ shift)
-    return _started(model, prior, moved, covariance)
-
-
-def _refined_constants(model: ResidualModel, refined: StoredRefinement) -> tuple[dict[str, float], Array]:
-    """Return deviations of the constants of a refined model, and what it left of their covariance."""
     widths = dict(zip(model.names, model.spread.tolist(), strict=True))
     left = [np.clip(refined.deviations.get(name, width), LEAST_LEFT * width, width) for name, width in widths.items()]
     share = np.array(left) / model.spread
-    return {name: refined.constants.get(name, 0.0) for name in model.names}, model.covariance * np.outer(share, share)
+    moved = {name: refined.constants.get(name, 0.0) for name in model.names}
+    shift = np.array([moved[name] - known.constants.get(name, 0.0) for name in model.names])
+    prior = replace(known.prior, mean=known.prior.mean + known.prior.sensitivity @ shift)
+    return _started(model, prior, moved, model.covariance * np.outer(share, share))
 
 
 HEALTHY = "healthy"

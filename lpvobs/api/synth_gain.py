@@ -126,10 +126,7 @@ def make_published_gain(config: Config, column: str | None = None) -> gains.Stor
             f"or use an engine with a printed gain: {able}"
         )
     column = next(iter(printed.bounds)) if column is None else column
-    if column not in printed.bounds:
-        raise UsageError(
-            f"--published {column}: unknown column of Table 1; expected one of {', '.join(printed.bounds)}"
-        )
+    files.expect_one_of("--published", column, printed.bounds)
     rho = dict(zip(air_path.parameter_names, printed.bounds[column], strict=False))
     temperatures = {name: (T, T) for name, T in config.published.temperatures.items()}
     region = _region(air_path, rho | dict(air_path.rate_bounds(temperatures)), ())
@@ -172,9 +169,7 @@ def _region(air_path: AirPath, ranges: Mapping[str, tuple[float, float]], sums: 
     names = air_path.parameter_names
     missing = [name for name in names if name not in ranges]
     if missing:
-        raise UsageError(
-            f"[gain.bounds]: no bounds for {', '.join(missing)}; add these bounds there, or give logs to take bounds from"
-        )
+        raise UsageError(f"[gain.bounds]: no bounds for {', '.join(missing)}; add them, or give logs to take them from")
     lower, upper = zip(*(ranges[name] for name in names), strict=True)
     return Region(names, tuple(map(float, lower)), tuple(map(float, upper)), sums)
 

@@ -23,11 +23,7 @@ from lpvobs.discovery.refine import Refinement, refine
 from lpvobs.discovery.thresholds import SLOWEST
 from lpvobs.discovery.whiteness import structure
 from lpvobs.errors import DataError, UsageError
-from lpvobs.io.results import refinements
-from lpvobs.io.results.gains import StoredGain
-from lpvobs.io.results.hdf import write_group
-from lpvobs.io.results.mapping import rows, write
-from lpvobs.io.results.results import StoredResult, read_beside, read_result, update
+from lpvobs.io.results import gains, hdf, mapping, refinements, results
 from lpvobs.kinds import Refused
 from lpvobs.records import Log
 
@@ -83,7 +79,7 @@ def trace(
     paths = some_logs(logs)
     with updating(result) as path:
         closed = close(path, paths, (), freeze_map, shown(progress), calibrated=engine)
-        update(closed.stored, closed.write_trace)
+        results.update(closed.stored, closed.write_trace)
     return closed.traced
 
 
@@ -94,7 +90,7 @@ POOLED, POOLED_UNSEEN = "(all logs)", "(all logs held out)"
 class Closed:
     """The closed loop on logs: the stored model, what came of it, and what the verb tells."""
 
-    stored: StoredResult
+    stored: results.StoredResult
     engine: KnownEngine
     start: Start
     used: Mapping[Path, Log]  # what was learned from
@@ -113,8 +109,7 @@ class Closed:
 
     def write_trace(self, file: h5py.File) -> None:
         """Write `/trace` in place of the one that is there."""
-        if "trace" in file:
-            del file["trace"]
+        file.pop("trace", None)
         group = file.create_group("trace")
         group.attrs["json"] = self.content(refined=False)
         self._write_evidence(group)
@@ -142,9 +137,9 @@ class Closed:
         refinements.write_structure(group, whiteness, found.before.problem.model.balances)
         refinements.write_portrait(group, portrait(found, [*self.used.values()]))
         if trace.ranking:
-            write_group(group, "ranking", rows(trace.ranking, "candidate"))
+            hdf.write_group(group, "ranking", mapping.rows(trace.ranking, "candidate"))
         if trace.left is not None:
-            write(group, "leftover", trace.left)
+            mapping.write(group, "leftover", trace.left)
 
     def _with_earlier(self, effect: KnownEffect) -> KnownEffect:
         """Return an effect that says it is absent from earlier logs: those of a map that stood, and of earlier refinements."""
@@ -174,16 +169,14 @@ def close(
     and nothing says what holds, or if a log is there twice.
     """
     refuse_copies([*learn, *judge])
-    stored = read_result(path)
+    stored = results.read_result(path)
     engine = known_engine(stored, calibrated)
-    refined = read_beside(path, "refinement", refinements.StoredRefinement)
+    refined = results.read_beside(path, "refinement", refinements.StoredRefinement)
     (used, refused), (unseen, refused_unseen) = (usable(paths, engine.read) for paths in (learn, judge))
     logs, hold_out = [*used.values()], [*unseen.values()]
     names = Counter(log.name for log in (*logs, *hold_out))
     if again := next((name for name, count in names.items() if count > 1), None):
-        raise UsageError(
-            f"log {again}: two logs have this name, but a result tells logs apart by name; rename one of the files"
-        )
+        raise UsageError(f"log {again}: two logs have this name, but results tell logs apart by name; rename one file")
     frozen = _stands(stored, logs, anew) if freeze_map is None else freeze_map
     if anew and not frozen:
         expect_cascade(path, stored.gain)
@@ -200,14 +193,14 @@ def close(
         before = nothing_known(model, grid, prior_map, engine.calibrated)
     start = search_start(model, before, refined, logs)
     known = () if refined is None else refined.effects
-    healthy = read_beside(path, HEALTHY, HealthyDrive) if frozen else None
+    healthy = results.read_beside(path, HEALTHY, HealthyDrive) if frozen else None
     found = refine(start.model, grid, start.prior, logs, progress, known, hold_out, healthy)
     if found.trace.verdict == "unexplained" or any(effect.id.startswith(PREFIX) for effect in found.trace.findings):
         _refuse_slow(logs)
     return Closed(stored, engine, start, used, found, Traced(found.trace, frozen, refused + refused_unseen))
 
 
-def expect_cascade(path: Path, gain: StoredGain) -> None:
+def expect_cascade(path: Path, gain: gains.StoredGain) -> None:
     """Raise DataError for a result whose gain lets the sensor correct the state: its map cannot be estimated beside effects."""
     if gain.gain.L[:, -1].any():
         raise DataError(
@@ -227,7 +220,7 @@ def _refuse_slow(logs: Sequence[Log]) -> None:
             )
 
 
-def _stands(stored: StoredResult, logs: Sequence[Log], anew: bool) -> bool:
+def _stands(stored: results.StoredResult, logs: Sequence[Log], anew: bool) -> bool:
     """Return whether the map stands on these logs; `anew` where a map would be made that replaces the stored one."""
     made = [any(log.sha256 == own.sha256 for own in stored.logs) for log in logs]
     if all(made):

@@ -9,16 +9,13 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from lpvobs.api.estimate import gain_for, workers_for
+from lpvobs.api import estimate, files, known_engine
 from lpvobs.api.files import File, Files, Progress, as_path, as_paths, refuse_copies, shown, usable, writing
 from lpvobs.api.fleet import LogOutcome, PartTask, begun, gone_through, learned_digest, linearised, outcomes_of, part_of
 from lpvobs.api.jobs import Workers
-from lpvobs.api.known_engine import KnownEngine, engine_before
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.configuration.config import Config, load_config
-from lpvobs.io.logs.finding import PERIODS, day_of, find_logs, origins_of
-from lpvobs.io.logs.parquet import log_digest, metadata_of
-from lpvobs.io.logs.reading import LogFile
+from lpvobs.io.logs import finding, parquet, reading
 from lpvobs.io.results.fleets import FleetSums, StoredFleet, dated, read_fleet, write_fleet, write_table
 from lpvobs.io.results.parts import PartsFolder, run_key
 from lpvobs.io.results.provenance import Provenance
@@ -117,10 +114,9 @@ def track(
     StoredFleet, TrackOutput
         The fleet as written, and the object that `lpvobs track --json` prints.
     """
-    if every not in PERIODS:
-        raise UsageError(f"--every {every}: expected one of {', '.join(PERIODS)}")
+    files.expect_one_of("--every", every, finding.PERIODS)
     configuration, text = load_config(as_path(config))
-    found = find_logs(as_paths(logs))
+    found = finding.find_logs(as_paths(logs))
     refuse_copies(found)
     engine = engine or configuration.engine_file(as_path(config))
     told = as_paths(refined)
@@ -134,14 +130,14 @@ def track(
             raise _other(target)
         sums, reused = None if before is None else before.kept, 0
         known = frozenset(() if sums is None else (log.sha256 for log in sums.logs))
-        fresh = [each for each in found if not (known and each.is_file() and log_digest(each) in known)]
-        told_by = origins_of(fresh, path, None if origins is None else as_path(origins))
+        fresh = [each for each in found if not (known and each.is_file() and parquet.log_digest(each) in known)]
+        told_by = finding.origins_of(fresh, path, None if origins is None else as_path(origins))
         belonging, refused = usable([*told_by], partial(_whose, by, configuration, told_by), one=False)
         if whose := sorted(belonging.values(), key=lambda each: (each.vehicle, each.day, each.path.as_posix())):
-            state = gain_for(configuration, found, gain, "observer").state
+            state = estimate.gain_for(configuration, found, gain, "observer").state
             sizes = (sum(state_of(each.path)[1:2]) for each in whose)  # none where there is no such log
             long = any(size > ALONE for size in accumulate(sizes))
-            workers = workers_for("observer", len(whose) if long else 1, jobs, scheduler)
+            workers = estimate.workers_for("observer", len(whose) if long else 1, jobs, scheduler)
             task = begun(_known(configuration, engine), state, workers)
             sums, more, reused = _added(sums, whose, every, text, task, target, workers, shown(progress))
             refused = (*refused, *more)
@@ -190,9 +186,9 @@ def _other(path: Path) -> DataError:
     )
 
 
-def _known(config: Config, engine: File | None) -> KnownEngine:
+def _known(config: Config, engine: File | None) -> known_engine.KnownEngine:
     """Return what is known of the engine before the logs; raises UsageError for curves that every log would learn anew."""
-    before = engine_before(config, (), engine)
+    before = known_engine.engine_before(config, (), engine)
     air_path = before.air_path
     if air_path.learns and air_path.knowledge() is None:
         raise UsageError(
@@ -206,19 +202,19 @@ def _whose(by: str, config: Config, origins: Mapping[Path, Mapping[str, str]], p
     """Return whose a log is; raises DataError where that is not known, or there is no such log."""
     origin = origins[path]
     if not origin.get(by):
-        metadata_of(path)  # raises where there is no such log, or it is damaged
+        parquet.metadata_of(path)  # raises where there is no such log, or it is damaged
         raise DataError(
             f"{path}: the field '{by}' of this log is unknown; give --path or --origins, or store the vehicle in the "
             "log with `lpvobs ingest --vehicle NAME`"
         )
-    return _Whose(path, origin[by], origin.get("engine") or config.air_path, day_of(path, origin))
+    return _Whose(path, origin[by], origin.get("engine") or config.air_path, finding.day_of(path, origin))
 
 
 def _sums_of(task: PartTask, basis: Basis, its: _Whose) -> LogOutcome[KeptLog]:
     """Go through one log for its weighed sums."""
     grid = task.grid
 
-    def left(_: LogFile, log: Beginning) -> KeptLog:
+    def left(_: reading.LogFile, log: Beginning) -> KeptLog:
         part = task.inform(log)
         cells = (grid.speed.size - 1) * (grid.fuel.size - 1)
         return kept(part, weighed(part, basis), basis, (its.path.stem, its.vehicle, its.kind, its.day), cells)

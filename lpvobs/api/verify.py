@@ -65,9 +65,7 @@ def problem_of(air_path: AirPath | type[AirPath], outputs: tuple[str, ...], regi
 def check_again(stored: StoredGain) -> Certificate:
     """Prove a stored gain again, from its numbers alone; raises DataError for another engine, or numbers that do not fit."""
     if stored.air_path not in ENGINES:
-        raise DataError(
-            f"gain: was made for an unknown air path '{stored.air_path}'; expected one of {', '.join(ENGINES)}"
-        )
+        raise DataError(f"gain: made for an unknown air path '{stored.air_path}'; expected one of {', '.join(ENGINES)}")
     gain, known = stored.gain, ENGINES[stored.air_path].air_path
     if gain.region.names != known.parameter_names or not set(stored.outputs) <= set(known.state_names):
         raise DataError(

@@ -9,21 +9,11 @@ import h5py
 import numpy as np
 
 from lpvobs.api.files import File, Files, as_path, as_paths, write_text, writing
-from lpvobs.api.known_engine import known_engine
+from lpvobs.api.known_engine import known_engine, stored_config
 from lpvobs.api.search_start import known_from, search_start
-from lpvobs.discovery.imbalances import imbalances_at, scenes_with
-from lpvobs.discovery.known_effects import term_on
-from lpvobs.discovery.residual import lay_out
+from lpvobs.discovery import imbalances, known_effects, residual
 from lpvobs.errors import DataError, UsageError
-from lpvobs.io.configuration.config import config_of
-from lpvobs.io.results import engines
-from lpvobs.io.results.fleets import StoredFleet, read_fleet
-from lpvobs.io.results.hdf import is_hdf5, reading
-from lpvobs.io.results.mapping import read
-from lpvobs.io.results.provenance import Provenance
-from lpvobs.io.results.refinements import StoredRefinement
-from lpvobs.io.results.results import StoredResult, read_beside
-from lpvobs.io.results.surfaces import read_surface
+from lpvobs.io.results import engines, fleets, hdf, refinements, results, surfaces
 from lpvobs.report.content import Report, load, report_output
 from lpvobs.report.engines import CalibrateOutput, told
 from lpvobs.report.fit import ResidualFit, fit_along
@@ -46,7 +36,6 @@ def write_report(
 
     Parameters
     ----------
-    result : path
     further : path or several
         Logs that the results were made from (courses over time), and further results.
     html : path, optional
@@ -106,9 +95,7 @@ def make_report(
                 from lpvobs.report.page import page as made
             except ValueError as error:  # matplotlib reads the variable as it is loaded
                 said = str(error).partition(";")[0]
-                raise UsageError(
-                    f"matplotlib: {said}; unset the variable MPLBACKEND, which the page does not need"
-                ) from None
+                raise UsageError(f"matplotlib: {said}; unset MPLBACKEND, which the page does not need") from None
             write_text(page, made(report), paths)
         verdicts = judge(conditions, content.logs, content.results)
         if suite is not None:
@@ -117,7 +104,7 @@ def make_report(
 
 
 def _mean_over(name: str, path: Path, region: Mapping[str, tuple[float, float]]) -> RegionMean:
-    mean = read_surface(path).mean(region)
+    mean = surfaces.read_surface(path).mean(region)
     low, high = mean.ci90[0].tolist()
     where = ", ".join(f"{axis} {ends[0]:g} to {ends[1]:g}" for axis, ends in region.items())
     return RegionMean(result=name, region=where, value=float(mean.values[0]), ci90=(low, high))
@@ -125,7 +112,7 @@ def _mean_over(name: str, path: Path, region: Mapping[str, tuple[float, float]])
 
 def kind_of(path: Path) -> str:
     """Return what kind of file it says it is, such as result, engine or fleet; nothing where it does not say."""
-    if not path.is_file() or not is_hdf5(path):
+    if not path.is_file() or not hdf.is_hdf5(path):
         return ""
     try:
         with h5py.File(path, "r") as file:
@@ -134,10 +121,10 @@ def kind_of(path: Path) -> str:
         return ""
 
 
-def report_fleet(fleet: File, *, html: File | None = None) -> StoredFleet:
+def report_fleet(fleet: File, *, html: File | None = None) -> fleets.StoredFleet:
     """Return a fleet, and write its page if asked for; raises DataError if the file is none."""
     path = as_path(fleet)
-    stored = read_fleet(path)
+    stored = fleets.read_fleet(path)
     if html is not None:
         from lpvobs.report.page import fleet_page
 
@@ -148,9 +135,7 @@ def report_fleet(fleet: File, *, html: File | None = None) -> StoredFleet:
 def report_engine(engine: File, *, html: File | None = None) -> CalibrateOutput:
     """Return what is known of a calibrated engine, and write its page if asked for; raises DataError if the file is none."""
     path = as_path(engine)
-    with reading(path, engines.KIND, engines.REMEDY) as file:
-        text = read(file["provenance"], Provenance).config
-    stored = engines.read_engine(path, config_of(text, path).engine_path())
+    stored = engines.read_engine(path, stored_config(path, engines.KIND, engines.REMEDY).engine_path())
     found = told(stored, str(path))
     if html is not None:
         from lpvobs.report.page import rendered
@@ -159,7 +144,7 @@ def report_engine(engine: File, *, html: File | None = None) -> CalibrateOutput:
     return found
 
 
-def fits_of(names: tuple[str, str], stored: StoredResult, path: Path) -> Iterator[ResidualFit]:
+def fits_of(names: tuple[str, str], stored: results.StoredResult, path: Path) -> Iterator[ResidualFit]:
     """Yield the fit of every balance that predicts the reading; none where the method of the map does not tell of the engine.
 
     `names` are those of result and log.
@@ -168,16 +153,16 @@ def fits_of(names: tuple[str, str], stored: StoredResult, path: Path) -> Iterato
     engine = known_engine(stored)
     model = engine.residual_model()
     log = engine.read(path)
-    refined = read_beside(stored.path, "refinement", StoredRefinement)
+    refined = results.read_beside(stored.path, "refinement", refinements.StoredRefinement)
     try:
         known = known_from(stored, model, engine.config.estimate.prior_map, engine.calibrated)
         start = search_start(model, known, refined, [log])
-        problem = lay_out(start.model, stored.grid, start.prior, [log])
+        problem = residual.lay_out(start.model, stored.grid, start.prior, [log])
     except DataError:  # another method, or too short: the other tables say so
         return
-    terms = [term_on(effect, problem, [log]) for effect in (() if refined is None else refined.effects)]
+    terms = [known_effects.term_on(effect, problem, [log]) for effect in (() if refined is None else refined.effects)]
     at = np.zeros(len(problem.covariance))
-    left = imbalances_at(problem, scenes_with(problem, terms, at), at)
+    left = imbalances.imbalances_at(problem, imbalances.scenes_with(problem, terms, at), at)
     left = left if left.shape[1] == problem.K else 0.5 * (left[:, : problem.K] + left[:, problem.K :])
     fuel, speed = (problem.along(axis.channel) for axis in engine.air_path.axes)
     mean = np.where(stored.supported, start.prior.mean.reshape(stored.grid.shape), np.nan)

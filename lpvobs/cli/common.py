@@ -21,10 +21,8 @@ DISK_FAILURES = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO
 """What a full or broken disk says, wherever it hits: also where compiled code is kept for the next time."""
 REFUSALS = (errno.ENAMETOOLONG, errno.ELOOP, errno.EACCES, errno.EPERM, errno.EMFILE, errno.ENFILE, errno.ENOTDIR)
 """What the system says of a name, a right, or too many open files: nothing that the program has done wrong."""
-REMEDIES = {
-    DISK_FAILURES: "make room on the disk or make it writable",
-    REFUSALS: "correct the file name or its permissions",
-}
+REMEDIES = dict.fromkeys(DISK_FAILURES, "make room on the disk or make it writable")
+REMEDIES |= dict.fromkeys(REFUSALS, "correct the file name or its permissions")
 
 LEAST_ADDRESSES = 2**30
 """[bytes]; with 0.8 of it short verbs still work, with 0.6 the compiler of the kernels ends the process."""
@@ -48,11 +46,9 @@ def guarded(verb: Callable[..., None]) -> Callable[..., None]:
                 fail(str(signal), signal.exit_code)
             if isinstance(error, LpvobsError):
                 fail(str(error), error.exit_code)
-            if isinstance(error, OSError):
+            if isinstance(error, OSError) and (remedy := REMEDIES.get(error.errno or 0)):
                 what = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
-                for numbers, remedy in REMEDIES.items():
-                    if error.errno in numbers:
-                        fail(f"{what}; no file was changed; {remedy}, then run again", DataError.exit_code)
+                fail(f"{what}; no file was changed; {remedy}, then run again", DataError.exit_code)
             if os.environ.get("LPVOBS_DEBUG"):
                 raise
             fault = f"a fault of the program ({type(error).__name__}: {error})"  # nobody foresaw it
@@ -187,12 +183,8 @@ def progress(label: str) -> Iterator[Callable[[float], None]]:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.percentage:>3.0f} %"),
-        TimeRemainingColumn(),
-    )
+    share = TextColumn("{task.percentage:>3.0f} %")
+    columns = TextColumn("{task.description}"), BarColumn(), share, TimeRemainingColumn()
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(label, total=1.0)
         yield lambda fraction: bar.update(task, completed=fraction)

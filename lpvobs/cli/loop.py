@@ -24,7 +24,7 @@ def trace(
     engine: Path | None = ENGINE,
     as_json: bool = JSON,
 ) -> None:
-    """Look at the residual that the model leaves, and name the effects that cause it.
+    """Find effects that the engine model lacks, from its residual.
 
     If the map was estimated from these logs, map and effects are estimated together. On other logs the stored map is assumed to be
     right. A log that cannot be used is left out with a message, and the exit code is 3.
@@ -99,18 +99,16 @@ def refine(
     logs: list[Path] = LOGS,
     out: Path = needed("REFINED.h5", "The refined result to write."),
     hold_out: list[Path] | None = option(
-        "LOG",
-        "A log used only to judge the error, and for no fit or decision. Repeatable.",
-        "--hold-out",
+        "LOG", "A log used only to judge the error, and for no fit or decision. Repeatable."
     ),
     freeze_map: bool | None = MAP,
     engine: Path | None = ENGINE,
     as_json: bool = JSON,
 ) -> None:
-    """Add the effects that the logs prove to the model, estimate again, and print the error on held-out data before and after.
+    """Add the effects that the logs prove to the engine model, estimate again, and show the error before and after.
 
-    If no effect is found, the earlier result is copied byte for byte. A refined result can be refined again. A log that cannot be
-    used is left out with a message, and the exit code is 3.
+    The error is that on held-out data. If no effect is found, the earlier result is copied byte for byte. A refined result can be
+    refined again. A log that cannot be used is left out with a message, and the exit code is 3.
 
     Example: lpvobs refine nedc.h5 nedc.parquet --out refined.h5
 

@@ -1,18 +1,18 @@
-"""The `lpvobs` command: its verbs, joined here."""
+"""The `lpvobs` command: its verbs, joined here, and its streams, which may be closed, full, or without a reader."""
 
 import gc
+import io
 import os
 import re
 import sys
-from importlib import import_module
-from typing import Annotated
+from typing import Annotated, TextIO
 
 import typer
 
 from lpvobs import __version__
+from lpvobs.cli import loop, maps, proofs, recordings, results
 from lpvobs.cli.common import guarded, visible
 from lpvobs.cli.signals import ignore_signals
-from lpvobs.cli.streams import Outlet, take_streams
 from lpvobs.errors import DataError, UsageError
 
 app = typer.Typer(
@@ -23,29 +23,14 @@ app = typer.Typer(
     help="Estimate the error of a mass air flow sensor as a map over fuel quantity and engine speed, from recorded drive cycles.",
     epilog="Usual order of the verbs: simulate, synth-gain, estimate, extrapolate, report. The --help of each verb has an example.",
 )
-VERBS = {
-    "recordings.simulate": "Simulate the nonlinear engine model over a drive cycle and write a log.",
-    "recordings.ingest": "Convert a recording of another tool (CSV, Parquet, MAT, MDF4) into a log.",
-    "recordings.profile": "Draft the profile that ingest needs from the channels of a recording.",
-    "recordings.inspect": "Show the channels, units, value ranges and defects of logs.",
-    "maps.calibrate": "Find an engine's constants and component corrections from bench points and logs with a healthy MAF sensor.",
-    "proofs.synth_gain": "Compute the observer gain and prove that the observer is stable with it.",
-    "proofs.verify": "Prove the stability of a stored observer gain again, without the solver.",
-    "maps.estimate": "Estimate the error map of the mass air flow sensor from logs.",
-    "maps.extrapolate": "Fill the map nodes that no log visited.",
-    "loop.trace": "Find effects that the engine model lacks, from its residual.",
-    "loop.refine": "Add the effects that the logs prove to the engine model, estimate again, and show the error before and after.",
-    "export": "Write the map for calibration tools (DCM, CSV, netCDF), or the observer for a control unit (C99, FMU).",
-    "results.compare": "Show how two maps differ, and where the difference exceeds their errors.",
-    "results.track": "Follow the maps of many vehicles over time.",
-    "results.report": "Show a result as tables or an HTML page, and check limits on its metrics (gates).",
-    "proofs.selftest": "Test the installed package on cases with known answers.",
-}
-"""Short help by verb, behind its module where that has another name."""
-for place, told in VERBS.items():
-    shared, _, name = place.rpartition(".")
-    verb = guarded(getattr(import_module(f"lpvobs.cli.{shared or name}"), name))
-    app.command(name.replace("_", "-"), short_help=told)(verb)
+VERBS = (
+    recordings.simulate, recordings.ingest, recordings.profile, recordings.inspect, maps.calibrate, proofs.synth_gain,
+    proofs.verify, maps.estimate, maps.extrapolate, loop.trace, loop.refine, maps.export, results.compare, results.track,
+    results.report, proofs.selftest,
+)  # fmt: skip
+for verb in VERBS:
+    told = str(verb.__doc__).splitlines()[0].partition(". ")[0].rstrip(".") + "."  # its first sentence
+    app.command(verb.__name__.replace("_", "-"), short_help=told)(guarded(verb))
 
 
 def _version(wanted: bool) -> None:
@@ -61,6 +46,65 @@ def main(
     ] = False,
 ) -> None:
     """Take the options that belong to no verb."""
+
+
+STDOUT, STDERR = 1, 2
+
+
+class Outlet(io.TextIOWrapper):
+    """A stream that never fails: what cannot be written is dropped, so that the verb still ends what it has begun.
+
+    It writes to an open descriptor, in the place of the stream `before`. `lost` says why something was dropped; it is None also
+    where the reader has left, as `head` does: it wants no more.
+    """
+
+    def __init__(self, handle: int, before: TextIO | None):
+        os.set_blocking(handle, True)  # a reader that lets nobody wait would get pieces
+        super().__init__(
+            io.BufferedWriter(io.FileIO(handle, "w", closefd=False)),
+            encoding=getattr(before, "encoding", None) or "utf-8",
+            errors="backslashreplace",
+            line_buffering=handle == STDERR or os.isatty(handle),
+        )
+        self.lost: OSError | None = None
+
+    def write(self, text: str, /) -> int:
+        """Return the number of letters taken: all."""
+        try:
+            super().write(text)
+        except OSError as error:
+            self._drop(error)
+        return len(text)
+
+    def flush(self) -> None:
+        """Write what waits, or drop it."""
+        try:
+            super().flush()
+        except OSError as error:
+            self._drop(error)
+
+    def _drop(self, error: OSError) -> None:
+        """Turn the descriptor to where all that waits and follows can go."""
+        if not isinstance(error, BrokenPipeError):
+            self.lost = error
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, self.fileno())
+        os.close(nowhere)
+        super().flush()
+
+
+def take_streams() -> Outlet:
+    """Let `print` never fail, with any letter and into any stream; return where stdout goes."""
+    opened = os.open(os.devnull, os.O_RDWR)
+    while opened <= STDERR:  # a closed descriptor would be given to the next file, and messages written into that
+        opened = os.dup(opened)
+    os.close(opened)
+    for before in (sys.stdout, sys.stderr):
+        if before is not None:
+            before.flush()
+    out = Outlet(STDOUT, sys.stdout)
+    sys.stdout, sys.stderr = out, Outlet(STDERR, sys.stderr)
+    return out
 
 
 def run() -> None:

@@ -1,11 +1,13 @@
-"""The engine and the map: `lpvobs calibrate`, `lpvobs estimate`, `lpvobs extrapolate`."""
+"""The engine and the map: `lpvobs calibrate`, `lpvobs estimate`, `lpvobs extrapolate`, `lpvobs export`."""
 
+from functools import partial
 from pathlib import Path
 
 import lpvobs
 from lpvobs.cli import options
 from lpvobs.cli.common import chosen_config, leave, print_json, progress, say, table
-from lpvobs.cli.options import CONFIG, GAIN, JOBS, JSON, LOGS, OWN_ENGINE, SCHEDULER, argument, flag, needed, option
+from lpvobs.cli.options import argument, flag, needed, option
+from lpvobs.errors import UsageError
 
 WITH_OR_WITHOUT = (
     "joint: estimate the engine's constants and corrections together with the map; consider: keep them as configured and widen "
@@ -23,13 +25,10 @@ def calibrate(
     bench: list[Path] | None = option(
         "TABLE",
         "Stationary bench points with the reference air flow W_reference: Parquet, or CSV with the units in the second line.",
-        "--bench",
     ),
-    healthy: list[Path] | None = option("LOG", "A log from a day on which the MAF sensor was in order.", "--healthy"),
+    healthy: list[Path] | None = option("LOG", "A log from a day on which the MAF sensor was in order."),
     reference: list[Path] | None = option(
-        "LOG",
-        "A log with the extra channel W_reference, the air flow from a reference meter in the same air path.",
-        "--reference",
+        "LOG", "A log with the extra channel W_reference, the air flow from a reference meter in the same air path."
     ),
     maps: list[str] | None = option(
         "KIND=FILE",
@@ -37,21 +36,18 @@ def calibrate(
         "A map in corrected quantities needs T_reference and p_reference.",
         "--map",
     ),
-    gain: Path | None = option(
-        "GAIN.h5",
-        "An observer gain made by synth-gain, used for logs only. Without it, the command makes and proves a gain first.",
-    ),
+    gain: Path | None = options.GAIN,
     plan: bool = flag(
         "--plan",
         "List the further bench points that would reduce the uncertainty of the air flow most. Works without data, too.",
     ),
-    config: Path | None = CONFIG,
-    as_json: bool = JSON,
+    config: Path | None = options.CONFIG,
+    as_json: bool = options.JSON,
 ) -> None:
-    """Find an engine's constants and the corrections of its component models. `estimate --engine` starts from them.
+    """Find an engine's constants and component corrections from bench points and logs with a healthy MAF sensor.
 
-    Each of --bench, --healthy, --reference and --map can be given several times. The search starts from the constants and
-    tolerances of the configuration.
+    `estimate --engine` starts from them. Each of --bench, --healthy, --reference and --map can be given several times. The search
+    starts from the constants and tolerances of the configuration.
 
     Example: lpvobs calibrate --config configs/diesel.toml --bench bench.csv --out engine.h5
     """
@@ -82,16 +78,14 @@ def calibrate(
     say(f"{out}: engine made from {', '.join(found.inputs) or 'the configuration alone'}{points}")
     if found.plan:
         before = 100 * found.plan[0].before
-        say(
-            f"uncertainty of the air flow before the planned points: {before:.2g} % rms over the engine's stationary points"
-        )
+        say(f"uncertainty of the air flow before the planned points: {before:.2g} % rms over all stationary points")
 
 
 def estimate(
-    logs: list[Path] = LOGS,
+    logs: list[Path] = options.LOGS,
     out: Path = needed("RESULT.h5", "The result to write."),
-    gain: Path | None = GAIN,
-    engine: Path | None = OWN_ENGINE,
+    gain: Path | None = options.GAIN,
+    engine: Path | None = options.OWN_ENGINE,
     method: str = option(
         "NAME",
         "The estimator: observer; published, the observer with the paper's map gain Gamma = 200 I; ekf, a Kalman filter; batch, "
@@ -100,11 +94,11 @@ def estimate(
         default="observer",
     ),
     constants: str | None = option("NAME", WITH_OR_WITHOUT, offers=options.CONSTANTS),
-    jobs: int | None = JOBS,
-    scheduler: str | None = SCHEDULER,
+    jobs: int | None = options.JOBS,
+    scheduler: str | None = options.SCHEDULER,
     verbose: bool = flag("--verbose", f"Print a row for each log even if there are more than {MOST_ROWS}."),
-    config: Path | None = CONFIG,
-    as_json: bool = JSON,
+    config: Path | None = options.CONFIG,
+    as_json: bool = options.JSON,
 ) -> None:
     """Estimate the error map of the mass air flow sensor from logs.
 
@@ -176,9 +170,9 @@ def extrapolate(
         "--smooth",
         "Replace the estimated nodes in /extrapolation by smoothed values, too, and mark them there as smoothed.",
     ),
-    as_json: bool = JSON,
+    as_json: bool = options.JSON,
 ) -> None:
-    """Fill the map nodes that no log visited, and give a 90 % interval for each.
+    """Fill the map nodes that no log visited. Each of them gets a 90 % interval.
 
     Example: lpvobs extrapolate nedc.h5
     """
@@ -189,10 +183,8 @@ def extrapolate(
     stored, fitted, held = fill(result, method, smooth)
     half = half_widths(fitted)
     if as_json:
-        filled = quadratic_fields(fitted)
-        print_json(
-            "extrapolate", ExtrapolateOutput(result=str(result), outer_coverage=held, half_widths=half, **filled)
-        )
+        made = ExtrapolateOutput(result=str(result), outer_coverage=held, half_widths=half, **quadratic_fields(fitted))
+        print_json("extrapolate", made)
         return
     for coefficients in coefficient_tables(mine := [("this map", stored)], beside_paper(mine)):
         print(table(*coefficients))
@@ -203,3 +195,120 @@ def extrapolate(
     say(f"{result}: {int((fitted.support == 2).sum())} nodes filled by {fitted.method}{more}")
     if half is not None:
         say(f"90 % intervals of the filled nodes: +-{grams(half[0])} g/s in the median, +-{grams(half[1])} g/s at most")
+
+
+WHAT = "dcm, cdfx, csv or netcdf: the map; lab: a label list for INCA; c99 or fmu: the observer for a control unit."
+
+
+def export(
+    result: Path = argument("RESULT.h5", "A result of estimate. For c99 and fmu: an observer gain made by synth-gain."),
+    file_format: str = needed("FORMAT", WHAT, "--format", offers=options.FORMATS),
+    out: Path = needed("FILE", "The file to write. For c99: the folder to write."),
+    start: Path | None = argument(
+        "[RESULT.h5]", "For c99 and fmu: a result of estimate. The observer starts with its map and engine."
+    ),
+    source: str = option(
+        "GROUP",
+        "Which values to export: map or extrapolation. By default extrapolation if the result has one, else map.",
+        "--values",
+        default="",
+    ),
+    only_estimated: bool = flag(
+        "--only-estimated", "Export estimated nodes only. Other nodes keep their value from --old, or stay empty."
+    ),
+    old: Path | None = option(
+        "OLD.dcm", "A DCM with the old map. The export keeps its axes, units and kind of map, and lists the changes."
+    ),
+    name: str = option("LABEL", "Label of the map, in the exported file and in the old one.", default="delta_W_c"),
+    a2l: Path | None = option(
+        "FILE.a2l",
+        "The control unit's A2L description, from which axes, units, limits and rounding of the map are taken. Needs lpvobs[a2l].",
+    ),
+    unit: str = option(
+        "UNIT",
+        "Unit of the values: a flow such as kg/h, mg/stroke, % of the reading, or factor: truth is reading times factor.",
+        offers=options.UNITS,
+        default="",
+    ),
+    kind: str = option(
+        "KIND",
+        "Kind of map in a DCM: KENNFELD or GRUPPENKENNFELD. By default the kind of the old map, else KENNFELD.",
+        default="",
+    ),
+    digits: int = option("N", "Significant digits of the numbers in dcm and csv.", default=7),
+    engine: Path | None = options.ENGINE,
+    map_gain: str = option(
+        "GAIN",
+        "For c99 and fmu: whether the map gain Gamma is constant or falls with the time driven. By default it falls, if the "
+        "observer gain is proven for a falling Gamma.",
+        offers=options.MAP_GAINS,
+        default="",
+    ),
+    rate: float = option(
+        "HZ", "For c99 and fmu: the highest sample rate of the signals, in samples per second.", default=100.0
+    ),
+    widest: float = option(
+        "SHARE",
+        "Leave out nodes whose 90 % interval has a half-width above this share of the logs' mean air flow.",
+        default=0.1,
+    ),
+    as_json: bool = options.JSON,
+) -> None:
+    """Write the map for calibration tools (DCM, CSV, netCDF), or the observer for a control unit (C99, FMU).
+
+    With --old, the command lists the changes against an old DCM.
+
+    Example: lpvobs export nedc.h5 --format dcm --out maf.dcm --only-estimated --old ecu.dcm --name delta_W_c;
+    lpvobs export gain.h5 nedc.h5 --format c99 --out unit
+    """
+    from lpvobs.api.export import export as export_map
+    from lpvobs.api.export_unit import FORMATS as OBSERVERS
+    from lpvobs.api.export_unit import ExportOutput, export_unit
+    from lpvobs.report.tables import change_rows, grams, origin_counts
+
+    file_format = file_format.lower()
+    said = partial(ExportOutput, out=str(out), format=file_format)
+    if file_format in OBSERVERS:
+        made = export_unit(result, out, file_format, result=start, engine=engine, map_gain=map_gain, rate=rate)
+        if as_json:
+            print_json("export", said(values=made.start, digits=17, nodes={}, changes=None, widest=None, unit=made))
+            return
+        for number, size in made.bytes_of_state.items():
+            pivot = made.smallest_pivot[number]
+            print(
+                f"{number}: state {size} bytes; Theorem 1 proven again for the rounded gain, smallest pivot {pivot:.3g}"
+            )
+        say(
+            f"{out}: the observer with {made.map_gain} map gain; its output lags by {made.delay:g} s and up to two samples"
+        )
+        return
+    if start is not None or engine is not None or map_gain:
+        raise UsageError(
+            f"--format {file_format}: expected one result alone; drop the second result, --engine and --map-gain, which only "
+            f"{' and '.join(OBSERVERS)} take"
+        )
+
+    done = export_map(
+        result, out, file_format, values=source, only_estimated=only_estimated, old=old, name=name, kind=kind, digits=digits,
+        widest=widest, unit=unit, a2l=a2l,
+    )  # fmt: skip
+    counts = origin_counts(done.surface)
+    if as_json:
+        where, changed = done.surface.source, done.changes
+        told = said(values=where, digits=digits, nodes=counts, changes=changed, widest=done.widest, unit=None)
+        print_json("export", told)
+        return
+    if done.changes:
+        print(table(*change_rows(done.surface, done.changes)))
+    if done.changes is not None:
+        say(f"{len(done.changes)} of {done.surface.origin.size} nodes differ from {old}")
+    if file_format == "lab":
+        say(f"{out}: a list of the label {name} and the channels that a log needs")
+        return
+    say(f"{out}: {', '.join(f'{count} {origin}' for origin, count in counts.items())}")
+    if left := counts.get("left_out", 0):
+        say(
+            f"{left} nodes left out, because their 90 % interval is wider than +-{grams(done.widest)} g/s; --widest sets this limit"
+        )
+    if done.limited:
+        say(f"{done.limited} values were clipped to the limits of the control unit")

@@ -33,9 +33,9 @@ needed = partial(option, default=...)
 """Return an option that has to be given."""
 
 
-def argument(metavar: str, told: str, default: Any = ...) -> Any:
-    """Return what has no name before it."""
-    return typer.Argument(default, readable=False, metavar=metavar, help=told)
+def argument(metavar: str, told: str) -> Any:
+    """Return what has no name before it; it may be left out where the brackets say so."""
+    return typer.Argument(None if metavar[0] == "[" else ..., readable=False, metavar=metavar, help=told)
 
 
 def flag(name: str, told: str, default: bool | None = False, **more: Any) -> Any:
@@ -47,12 +47,9 @@ CONFIG = option(
     "TOML",
     "The configuration: engine, map grid, settings of the gain, treatment of defects. By default lpvobs.toml in this folder or the "
     "nearest folder above.",
-    "--config",
 )
 GAIN = option("GAIN.h5", "An observer gain made by synth-gain. Without it, the command makes and proves a gain first.")
-JOBS = option(
-    "N", "Number of logs processed at the same time. By default 1 for a few logs, else the number of processors.", min=1
-)
+JOBS = option("N", "Number of logs processed at once. By default 1 for few logs, else the number of processors.", min=1)
 SCHEDULER = option(
     "tcp://HOST:PORT",
     "Process the logs on the workers of this Dask scheduler. The workers must find the logs under the same paths.",
@@ -60,13 +57,9 @@ SCHEDULER = option(
 VEHICLE = option("NAME", "Name of the vehicle. It is stored in the log, where track reads it.")
 DATE = option("YYYY-MM-DD", "Date of the drive. It is stored in the log, where track reads it.")
 LOGS = argument("LOG...", "Parquet logs, patterns such as logs/*.parquet, or folders of logs.")
-REGION = option(
-    "AXIS=FROM:TO,...", "Also print the mean over this region of the map. Put a comma between the ranges of two axes."
-)
+REGION = option("AXIS=FROM:TO,...", "Also print the mean over this region of the map. Put a comma between two axes.")
 JSON = flag("--json", "Print one JSON object to stdout instead of text.")
-ENGINE = option(
-    "ENGINE.h5", "An engine made by calibrate to start from. By default the engine with which the result was made."
-)
+ENGINE = option("ENGINE.h5", "An engine made by calibrate to start from. By default the result's own engine.")
 OWN_ENGINE = option(
     "ENGINE.h5",
     "An engine made by calibrate with the same configuration as --config. Without it, the configured engine is used.",

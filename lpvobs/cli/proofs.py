@@ -12,9 +12,7 @@ from lpvobs.cli.options import CONFIG, JSON, argument, needed, option
 def synth_gain(
     out: Path = needed("GAIN.h5", "The gain file to write."),
     logs: list[Path] | None = argument(
-        "[LOG]...",
-        "Logs, patterns or folders. The gain is proven for the parameter ranges that these logs cover.",
-        default=None,
+        "[LOG]...", "Logs, patterns or folders. The gain is proven for the parameter ranges that these logs cover."
     ),
     published: str | None = option(
         "COLUMN",
@@ -23,10 +21,11 @@ def synth_gain(
     config: Path | None = CONFIG,
     as_json: bool = JSON,
 ) -> None:
-    """Find the observer gain L from the linear matrix inequalities of the paper's Theorem 1, and prove it in exact arithmetic.
+    """Compute the observer gain and prove that the observer is stable with it.
 
-    The ranges of the scheduling parameters rho come from the logs, or from [gain.bounds] of the configuration. The ranges of the
-    temperatures come from [gain.temperatures].
+    The gain L comes from the linear matrix inequalities of the paper's Theorem 1. The proof is in exact arithmetic. The ranges of
+    the scheduling parameters rho come from the logs, or from [gain.bounds] of the configuration. The ranges of the temperatures
+    come from [gain.temperatures].
 
     Example: lpvobs synth-gain --config configs/diesel.toml etc.parquet ftp75.parquet nedc.parquet --out gain.h5
     """
@@ -65,11 +64,11 @@ def synth_gain(
 def verify(
     gain: Path = argument("GAIN.h5", "An observer gain made by synth-gain."),
     config: Path | None = option(
-        "TOML", "A configuration file. verify then also checks that the gain was made for the engine in it.", "--config"
+        "TOML", "A configuration file. verify then also checks that the gain was made for the engine in it."
     ),
     as_json: bool = JSON,
 ) -> None:
-    """Prove the stability of the observer with a stored gain again, in exact arithmetic and without the solver.
+    """Prove the stability of a stored observer gain again, without the solver. The proof is in exact arithmetic.
 
     Exit code 1 if the stored numbers do not prove Theorem 1 on the stored parameter region, 3 if the gain was made for another
     engine than that in --config.
@@ -99,11 +98,8 @@ def verify(
             print("proven bounds of the observer's state error:\n" + table(*state_bound_table(stored)))
 
 
-VERDICTS = {True: "pass", False: "FAIL"}
-
-
 def selftest(as_json: bool = JSON) -> None:
-    """Test the installed package on cases whose answers are known, for users who must qualify their tools.
+    """Test the installed package on cases with known answers. It is for users who must qualify their tools.
 
     The command needs no files and leaves none. Exit code 1 if an answer is wrong.
 
@@ -121,7 +117,7 @@ def selftest(as_json: bool = JSON) -> None:
         lines = []
         for row in rows:
             numbers = [f"{number:.6g}" for number in (row.expected, row.found, row.tolerance)]
-            lines.append([row.case, *numbers, row.unit, VERDICTS[row.passed]])
+            lines.append([row.case, *numbers, row.unit, "pass" if row.passed else "FAIL"])
         print(table(["case", "expected", "found", "tolerance", "unit", ""], lines))
         say(", ".join(f"{name} {number}" for name, number in versions.items()))
         for row in failed:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import lpvobs
 from lpvobs.cli.common import chosen_config, folder_config, leave, print_json, progress, say, table, visible
-from lpvobs.cli.options import CONFIG, CYCLES, DATE, JSON, LOGS, PROFILES, VEHICLE, argument, needed, option
+from lpvobs.cli.options import CONFIG, CYCLES, DATE, JSON, LOGS, OWN_ENGINE, PROFILES, VEHICLE, argument, needed, option
 from lpvobs.errors import UsageError
 
 if TYPE_CHECKING:
@@ -28,10 +28,7 @@ def simulate(
         "File with faults of engine and sensors, road conditions, or another map of the sensor error. Examples are in "
         "configs/effects and configs/surfaces.",
     ),
-    engine: Path | None = option(
-        "ENGINE.h5",
-        "An engine made by calibrate with the same configuration as --config. The simulation uses its constants.",
-    ),
+    engine: Path | None = OWN_ENGINE,
     rate: float | None = option("HZ", "Samples per second.", show_default="100"),
     seed: int = option(
         "N",
@@ -43,7 +40,7 @@ def simulate(
     config: Path | None = CONFIG,
     as_json: bool = JSON,
 ) -> None:
-    """Simulate the nonlinear engine model over a drive cycle and write a log that includes the true sensor error.
+    """Simulate the nonlinear engine model over a drive cycle and write a log. The log includes the true sensor error.
 
     Example: lpvobs simulate --config configs/diesel.toml --cycle nedc --out nedc.parquet
 
@@ -74,8 +71,7 @@ def simulate(
         channels, samples, duration = tuple(log.channels), time.size, float(time[-1] - time[0])
         told = f"{samples} samples, {duration:.0f} s"
     if as_json:
-        made = SimulateOutput(log=str(out), samples=samples, duration=duration, channels=channels)
-        print_json("simulate", made)
+        print_json("simulate", SimulateOutput(log=str(out), samples=samples, duration=duration, channels=channels))
     else:
         say(f"{out}: {told}")
 
@@ -95,7 +91,7 @@ def ingest(
     date: str | None = DATE,
     as_json: bool = JSON,
 ) -> None:
-    """Convert a recording of another tool into a log.
+    """Convert a recording of another tool (CSV, Parquet, MAT, MDF4) into a log.
 
     A profile states the recording's channel names, units, time and raster. The command counts and prints every repair.
 
@@ -120,9 +116,9 @@ def profile(
     ),
     as_json: bool = JSON,
 ) -> None:
-    """Draft a profile for ingest from the channel names, units and value ranges of a recording.
+    """Draft the profile that ingest needs from the channels of a recording.
 
-    In the profile, doubtful channels are commented out.
+    It goes by their names, units and value ranges. In the profile, doubtful channels are commented out.
 
     Example: lpvobs profile drive.mf4 --out mine.toml
     """
@@ -147,11 +143,10 @@ def inspect(
         "TOML",
         "The configuration: engine and treatment of defects. By default lpvobs.toml in this folder or a folder above, else the "
         "first engine whose channels the log has.",
-        "--config",
     ),
     as_json: bool = JSON,
 ) -> None:
-    """Show the channels, units, sample rate, gaps and value ranges of logs, and how each defect of a log was treated.
+    """Show the channels, units, value ranges and defects of logs. It also shows sample rate and gaps, and how defects were treated.
 
     For a result or an engine, inspect prints the same as `report`. Example: lpvobs inspect nedc.parquet
     """
@@ -178,17 +173,11 @@ def _text(found: "InspectedLog") -> str:
         f"{found.log}: {found.samples} of {found.samples_read} samples used, {found.duration:.1f} s at "
         f"{found.rate:.4g} Hz, {found.gaps} gaps, {found.repeated} samples with repeated or backward time"
     )
-    rows = [
-        [
-            name,
-            item.unit,
-            item.use,
-            *(f"{value:.6g}" for value in (item.min, item.median, item.max)),
-            "-" if item.refresh != item.refresh else f"{item.refresh:.4g}",
-            str(item.dropped),
-        ]
-        for name, item in found.channels.items()
-    ]
+    rows = []
+    for name, item in found.channels.items():
+        values = [f"{value:.6g}" for value in (item.min, item.median, item.max)]
+        often = "-" if item.refresh != item.refresh else f"{item.refresh:.4g}"
+        rows.append([name, item.unit, item.use, *values, often, str(item.dropped)])
     parts = [visible(head), table(["channel", "unit", "use", "min", "median", "max", "changes [Hz]", "dropped"], rows)]
     if found.defects:
         begins = ["" if item.first is UNSET else f"{item.first:.6g} s" for item in found.defects]
@@ -196,24 +185,17 @@ def _text(found: "InspectedLog") -> str:
         parts.append(table(["defect", "channel", "count", "first", "policy"], rows))
     if found.serves:
         parts.append(f"this log has all required channels of the engines: {', '.join(found.serves)}")
-    parts += [
-        f"engine '{name}': would also use, if the log had them: {meanings(name, more)}"
-        for name, more in found.further.items()
-    ]
+    for name, more in found.further.items():
+        parts.append(f"engine '{name}': would also use, if the log had them: {meanings(name, more)}")
     if found.informs:
-        rows = [
-            [
-                "as logged" if item.channel is None else f"with {item.channel} ({item.supposed})",
-                str(item.nodes),
-                "-" if item.standard_error is None else f"{1e3 * item.standard_error:.3g}",
-            ]
-            for item in found.informs
-        ]
+        rows = []
+        for each in found.informs:
+            which = "as logged" if each.channel is None else f"with {each.channel} ({each.supposed})"
+            error = "-" if each.standard_error is None else f"{1e3 * each.standard_error:.3g}"
+            rows.append([which, str(each.nodes), error])
         parts.append(table(["channels", "map nodes", "standard error [g/s]"], rows))
-    parts += [
-        f"engine '{name}': required channels missing in this log: {meanings(name, more)}"
-        for name, more in found.lacking.items()
-    ]
+    for name, more in found.lacking.items():
+        parts.append(f"engine '{name}': required channels missing in this log: {meanings(name, more)}")
     if found.ingest is not None:
         from lpvobs.report.tables import ingest_notes, ingest_rows
 

@@ -16,7 +16,7 @@ def compare(
     first: Path = argument(
         "A.h5", "The earlier result of estimate; or a fleet made by track, to compare two periods of one vehicle."
     ),
-    second: Path | None = argument("[B.h5]", "The later result of estimate; leave it out if A.h5 is a fleet.", None),
+    second: Path | None = argument("[B.h5]", "The later result of estimate; leave it out if A.h5 is a fleet."),
     vehicle: str = option("NAME", "For a fleet: the vehicle whose maps of two periods are compared.", default=""),
     period: list[str] | None = option(
         "PERIOD",
@@ -38,7 +38,7 @@ def compare(
     ),
     as_json: bool = JSON,
 ) -> None:
-    """Show how map B differs from map A, and where the difference exceeds the errors of both.
+    """Show how two maps differ, and where the difference exceeds their errors. The difference is map B minus map A.
 
     Example: lpvobs compare january.h5 june.h5 --gate "largest_change<=0.5 g/s"
 
@@ -76,7 +76,6 @@ def track(
     logs: list[Path] | None = argument(
         "[LOG]...",
         "Parquet logs, patterns such as logs/*.parquet, or folders. Without any log, track evaluates the logs in the fleet again.",
-        None,
     ),
     out: Path = needed(
         "FLEET.h5", "The fleet file to write, or to add logs to. Logs that are already in the fleet are not read again."
@@ -105,7 +104,6 @@ def track(
     refined: list[Path] | None = option(
         "REFINED.h5",
         "A result of refine on logs of this fleet. track then shows when the effects in it were present. Repeatable.",
-        "--refined",
     ),
     jobs: int | None = JOBS,
     scheduler: str | None = SCHEDULER,
@@ -115,7 +113,7 @@ def track(
     config: Path | None = CONFIG,
     as_json: bool = JSON,
 ) -> None:
-    """Follow the map of every vehicle over time, and show its trend, its changes with their dates, and what to drive next.
+    """Follow the maps of many vehicles over time. It shows trends, changes with their dates, and what to drive next.
 
     The vehicle and date of a log come from the log itself, from its path (--path) or from a table (--origins). `simulate` and
     `ingest` store both in the log with --vehicle and --date.
@@ -168,7 +166,6 @@ def report(
     further: list[Path] | None = argument(
         "[LOG|RESULT]...",
         "Logs from which the results were made, to show signals over time and how well the model fits; or further results.",
-        default=None,
     ),
     html: Path | None = option("FILE", "Also write the report as one self-contained HTML page."),
     gate: list[str] | None = option(
@@ -183,7 +180,7 @@ def report(
     ),
     as_json: bool = JSON,
 ) -> None:
-    """Show a result and its quality as tables, JSON or an HTML page, and check limits on its metrics (gates).
+    """Show a result as tables or an HTML page, and check limits on its metrics (gates).
 
     Example: lpvobs report nedc.h5 nedc.parquet --html nedc.html --gate "mean_relative_error<=0.05"
     """

@@ -3,10 +3,6 @@
 import signal
 import sys
 from types import FrameType
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from sys import UnraisableHookArgs
 
 WORDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
 MOMENT = 0.02  # s
@@ -41,7 +37,7 @@ def received() -> Stopped | None:
     return _received[0] if _received else None
 
 
-def _again(lost: "UnraisableHookArgs") -> None:
+def _again(lost: "sys.UnraisableHookArgs") -> None:
     """Repeat, in a moment, a signal that fell into a finaliser or a callback, where an exception ends nothing."""
     if lost.exc_type is Stopped:
         signal.signal(signal.SIGALRM, _late)

@@ -260,7 +260,7 @@ def test_an_observer_of_a_calibrated_engine_starts_at_zero(chain, other_engine, 
 def test_the_gain_of_the_target_is_proven_again(chain, tmp_path, monkeypatch):
     stored = read_gain(chain.gain)
     broken = replace(stored, gain=replace(stored.gain, L=-stored.gain.L))
-    monkeypatch.setattr("lpvobs.api.export_unit.read_gain", lambda _: broken)
+    monkeypatch.setattr("lpvobs.api.export_unit.gains.read_gain", lambda _: broken)
     with pytest.raises(NotProven, match="rounded to double"):
         export_unit(chain.gain, tmp_path / "unit", "c99")
     assert not (tmp_path / "unit").exists()
@@ -270,7 +270,9 @@ def test_a_falling_gain_needs_a_cascade(chain, tmp_path, monkeypatch):
     stored = read_gain(chain.gain)
     L = stored.gain.L.copy()
     L[0, -1] = 1.0
-    monkeypatch.setattr("lpvobs.api.export_unit.read_gain", lambda _: replace(stored, gain=replace(stored.gain, L=L)))
+    monkeypatch.setattr(
+        "lpvobs.api.export_unit.gains.read_gain", lambda _: replace(stored, gain=replace(stored.gain, L=L))
+    )
     with pytest.raises(UsageError, match="stability is not proven"):
         export_unit(chain.gain, tmp_path / "unit", "c99", map_gain="falling")
 
