@@ -70,9 +70,8 @@ def calibrated(air_path: AirPath, prior: Unknowns, tables: Sequence[Table]) -> C
     found = replace(prior, mean=total, covariance=covariance, learned=True)
     held_out, error = left_out(seen, rows, amplitudes, left)
     by_group = dict(zip(prior.groups(), amplitudes, strict=True))
-    names = [kind.name for kind in rows.kind]
     z = np.array([before.get(mark, np.nan) for mark in _marks(rows)])
-    shares = dict(zip(names, left, strict=True))
+    shares = dict(zip((kind.name for kind in rows.kind), left, strict=True))
     return Calibration(found, prior, by_group, rows, z, shares, held_out, error, rows.z - rows.J @ mean)
 
 

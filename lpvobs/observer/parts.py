@@ -194,8 +194,8 @@ def observed_along(
     for stretch in stretches(pieces, air_path.smoothed, settings.smoothing, air_path.calmed):
         log = calm_log(stretch)
         trajectory, point = air_path.trajectory(log, gain.outputs), operating_point(air_path, log)
-        first, before = (air_path.states(log)[0], None) if stretch.begins else (x, stretch.before)
-        run = observe(trajectory, log.time, log.segments, point, grid, gain.L, 0.0, first[None, :], no_map, before)
+        first = air_path.states(log)[0] if stretch.before is None else x
+        run = observe(trajectory, log.time, log.segments, point, grid, gain.L, 0.0, first[None], no_map, stretch.before)
         x = run.x[-1]
         states = dict(zip(air_path.state_names, np.ascontiguousarray(run.x.T), strict=True))
         seen = {**log.channels, **states}

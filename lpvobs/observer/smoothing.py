@@ -46,7 +46,7 @@ def smooth(
 class SmoothStretch:
     """At most `BLOCK` consecutive samples of one segment, smoothed."""
 
-    before: float  # [s], time of the sample before; NaN where the segment begins
+    before: float | None  # [s], time of the sample before; None where the segment begins
     time: Array  # (n,) [s]
     channels: dict[str, Array]  # (n,) as recorded
     values: dict[str, Array]  # (n,) the smoothed channels
@@ -55,14 +55,9 @@ class SmoothStretch:
     rough: dict[str, Array]  # (n,) see `roughness`
 
     @property
-    def begins(self) -> bool:
-        """Whether a segment begins here."""
-        return bool(np.isnan(self.before))
-
-    @property
     def steps(self) -> Array:
         """The time that each sample stands for, shape (n,) [s]; the first of a segment stands for none."""
-        return np.diff(self.time, prepend=self.time[0] if self.begins else self.before)
+        return np.diff(self.time, prepend=self.time[0] if self.before is None else self.before)
 
 
 def stretches(
@@ -78,7 +73,7 @@ def stretches(
             values, rates = held.through(half_width, names, start, stop)
             calmer = held.through(widest, calm, start, stop, CALM_LEAST)[0] if calm else ()
             yield SmoothStretch(
-                before=float(held.time[start - 1]) if start else float("nan"),
+                before=float(held.time[start - 1]) if start else None,
                 time=held.time[start:stop],
                 channels={name: column[start:stop] for name, column in held.channels.items()},
                 values=dict(zip(names, values, strict=True)),

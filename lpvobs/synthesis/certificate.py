@@ -67,17 +67,14 @@ def check(problem: GainProblem, L: Array, P: Array, Q: Array, eps_1: float, eps_
         raise DataError(f"gain: eps_1 = {eps_1}, eps_2 = {eps_2}, expected finite numbers; synthesise the gain again")
     e_1, e_2 = fractions([eps_1, eps_2])
 
-    def verdict(reason: str, pivot: float, failed: tuple[float, ...] | None = None) -> Certificate:
-        return Certificate(not reason, len(vertices), pivot, failed, reason)
-
     if reason := _why_not(problem, P, Q, e_1, e_2):
-        return verdict(reason, 0.0)
+        return Certificate(False, len(vertices), 0.0, None, reason)
     exact_P, exact_Q = fractions(P), fractions(Q)
     smallest = inf
     for name, matrix in (("P", exact_P), ("Q", exact_Q)):
         smallest = min(smallest, smallest_pivot(matrix))
         if smallest <= 0:
-            return verdict(f"{name} is not positive definite", smallest)
+            return Certificate(False, len(vertices), smallest, None, f"{name} is not positive definite")
     Y = product(exact_P, fractions(L))
     for vertex in vertices:  # Eq. (33)
         A, C = problem.at(vertex)
@@ -85,9 +82,9 @@ def check(problem: GainProblem, L: Array, P: Array, Q: Array, eps_1: float, eps_
         minus_M = np.block([[falling(exact_P, Y, A, C) - exact_Q, side], [side.T, np.diag([e_1, e_2])]])  # Eq. (27)
         smallest = min(smallest, smallest_pivot(minus_M))
         if smallest <= 0:
-            where = problem.region.place(vertex)
-            return verdict(f"M is not negative definite at {where}", smallest, tuple(map(float, vertex)))
-    return verdict("", smallest)
+            reason = f"M is not negative definite at {problem.region.place(vertex)}"
+            return Certificate(False, len(vertices), smallest, tuple(map(float, vertex)), reason)
+    return Certificate(True, len(vertices), smallest, None, "")
 
 
 def _why_not(problem: GainProblem, P: Array, Q: Array, eps_1: Fraction, eps_2: Fraction) -> str:
