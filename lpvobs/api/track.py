@@ -284,7 +284,7 @@ def _weighed_by(
     stored = [[outcomes[each.path].stored for each in logs] for logs in first]
     parts = [[each.part for each in logs if each is not None] for logs in stored]
     solutions = [merged(task.grid, logs, task.point)[1] for logs in parts]
-    totals = [added_up(task.grid, each.layout, logs) for each, logs in zip(solutions, parts, strict=True)]
+    totals = [added_up(task.grid, each.layout, logs)[0] for each, logs in zip(solutions, parts, strict=True)]
     return basis_of(task.grid, solutions, totals, task.point.unknowns), task, []
 
 

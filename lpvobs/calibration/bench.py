@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from lpvobs.engines.base import AirPath
 from lpvobs.engines.unknowns import TABLE_FLOW, MeasuredPart, Unknowns
-from lpvobs.records import Array, Defects, Log
+from lpvobs.observer.parts import log_of
+from lpvobs.records import Array
 
 STEP = 1e-5  # relative step of the difference quotients by constants
 REFERENCE, DEVIATION = "W_reference", "sd_W_reference"
@@ -100,7 +101,7 @@ def _flow(air_path: AirPath, unknowns: Unknowns, table: Table, balance: int) -> 
             J[:, i] = (table.flow(air_path.deviating({name: STEP}).engine, table.columns) - flow) / STEP
         return flow, J
     channels = {name: table.columns[name] for name in air_path.channels if name in table.columns}
-    log = Log("", "", np.arange(float(n)), channels, {}, ((0, n),), np.arange(n), Defects(n))
+    log = log_of(np.arange(float(n)), channels)
     still = dict.fromkeys(air_path.smoothed, np.zeros(n))
     found = air_path.balances(log, still, unknowns.constants)
     J[:, : len(unknowns.constants)] = found.slope[balance].T

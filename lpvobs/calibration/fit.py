@@ -15,7 +15,7 @@ from lpvobs.engines.base import AirPath
 from lpvobs.engines.unknowns import LeftAtNodes, Unknowns
 from lpvobs.maps.grid import Grid
 from lpvobs.observer.estimate import PASSES, EngineFound, Point
-from lpvobs.observer.information import AMPLITUDE_SPREAD, AMPLITUDES, Solution, prior_of, solve, swept
+from lpvobs.observer.information import AMPLITUDE_SPREAD, AMPLITUDES, prior_of, solve, swept
 from lpvobs.observer.parts import StateGain, added_up, inform
 from lpvobs.observer.windows import Columns, Moments
 from lpvobs.records import Array, Recording
@@ -70,9 +70,8 @@ def calibrated(air_path: AirPath, prior: Unknowns, tables: Sequence[Table]) -> C
     found = replace(prior, mean=total, covariance=covariance, learned=True)
     held_out, error = left_out(seen, rows, amplitudes, left)
     by_group = dict(zip(prior.groups(), amplitudes, strict=True))
-    names = [kind.name for kind in rows.kind]
     z = np.array([before.get(mark, np.nan) for mark in _marks(rows)])
-    shares = dict(zip(names, left, strict=True))
+    shares = dict(zip((kind.name for kind in rows.kind), left, strict=True))
     return Calibration(found, prior, by_group, rows, z, shares, held_out, error, rows.z - rows.J @ mean)
 
 
@@ -155,12 +154,11 @@ def taught(
         for count, log in enumerate(logs, 1):
             parts.append(inform(point.air_path, grid, gain, log, point.settings, unknowns))
             told((turn + count / len(logs)) / PASSES)
-        total = added_up(grid, layout, sorted(parts, key=lambda part: part.run.sha256))
-        away = max(left, LEFT[1]) * mean_flow(
-            layout, total
-        )  # no formula is better, even where a bench shows nothing left
-        solution = solve(layout, total, prior_of(grid, away, unknowns, layout.balances))
-        own = solution.engine
+        total, _ = added_up(grid, layout, sorted(parts, key=lambda part: part.run.sha256))
+        # No formula is better than the least share, even where a bench shows nothing left.
+        away = max(left, LEFT[1]) * mean_flow(layout, total)
+        solution = solve(layout, total, prior_of(grid, away, unknowns))
+        own = layout.engine
         found = EngineFound(unknowns, point.deviation, solution.mean[own], solution.covariance[own, own])
         moved = point.moved(found)
         if moved is point:
@@ -168,14 +166,14 @@ def taught(
         point = moved
     # A later map has a wide prior at its nodes. So has this one: then both hold the same share of what a balance repeats.
     exactly = replace(unknowns, mean=found.mean, covariance=np.zeros_like(found.covariance), learned=True)
-    left_over = solve(layout, total, prior_of(grid, point.settings.prior_map, exactly, layout.balances))
+    left_over = solve(layout, total, prior_of(grid, point.settings.prior_map, exactly))
+    # What the engine's formulas leave is the map at known unknowns, and how it goes with them.
+    at_nodes = LeftAtNodes(grid.fuel, grid.speed, left_over.theta, -left_over.response, left_over.noise)
     mean = found.mean.copy()
     mean[: len(unknowns.constants)] = list(found.deviation().values())
     before = start.unknowns
     return Taught(
-        unknowns=replace(
-            before, mean=mean, covariance=found.covariance, learned=True, at_nodes=left_at_nodes(grid, left_over)
-        ),
+        unknowns=replace(before, mean=mean, covariance=found.covariance, learned=True, at_nodes=at_nodes),
         prior_error=np.sqrt(np.diag(before.scaled(solution.amplitudes))),
         amplitudes=dict(zip(before.groups(), solution.amplitudes, strict=True)),
     )
@@ -187,8 +185,3 @@ def mean_flow(layout: Columns, moments: Moments) -> float:
     of = np.arange(layout.balances)
     stay = moments.products[of, of, levels, levels]
     return float(moments.products[of, of, levels, layout.terms.stop].sum() / stay.sum())
-
-
-def left_at_nodes(grid: Grid, solution: Solution) -> LeftAtNodes:
-    """Return the map of a solution at known unknowns as what the engine's formulas leave, and how it goes with them."""
-    return LeftAtNodes(grid.fuel, grid.speed, solution.theta, -solution.response, solution.noise)

@@ -25,9 +25,10 @@ from lpvobs.engines.base import AirPath
 from lpvobs.engines.effects import SENSOR, Signals
 from lpvobs.engines.followers import with_followers
 from lpvobs.engines.residual_model import ResidualModel
+from lpvobs.maps.excitation import steps_of
 from lpvobs.maps.grid import Grid
-from lpvobs.observer.estimate import calmed, steps_of
-from lpvobs.observer.parts import Observed, operating_point, signals_for
+from lpvobs.observer.estimate import calmed
+from lpvobs.observer.parts import Observed, operating_point, slope_signals
 from lpvobs.observer.recursion import observe
 from lpvobs.observer.smoothing import CALM, CALM_LEAST, roughness, smooth
 from lpvobs.records import Array, Log
@@ -79,8 +80,9 @@ def observed(refined: Refined, log: Log) -> Observed:
     _, further = added(refined, seen, rates)
     z = right[air_path.sensor] - (air_path.balances(seen, rates, (), calmer).flow + further)
     rough = {name: roughness(right[name], log.segments) for name in air_path.smoothed}
-    signals = signals_for(air_path).stacked(seen.channels, rates, rough, steps_of(log))
-    found = Observed(log.time, steps_of(log), trajectory.parameters, point, z, signals)
+    steps = steps_of(log.time, log.segments)
+    signals = slope_signals(air_path, seen.channels, rates, rough, steps)
+    found = Observed(log.time, steps, trajectory.parameters, point, z, signals)
     return _behind_sensor(refined, right, found) if refined.lags else found
 
 

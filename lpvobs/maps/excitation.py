@@ -72,12 +72,17 @@ def cell_numbers(grid: Grid, nodes: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.asarray(nodes[:, 0] // p_1 * (p_1 - 1) + nodes[:, 0] % p_1, dtype=np.int64)
 
 
+def steps_of(time: Array, segments: tuple[tuple[int, int], ...]) -> Array:
+    """Return the time that each sample stands for, shape (N,) [s]; the first of a segment stands for none."""
+    steps = np.diff(time, prepend=time[:1])
+    steps[[start for start, _ in segments]] = 0.0
+    return steps
+
+
 def excitation(grid: Grid, fuel: Array, speed: Array, time: Array, segments: tuple[tuple[int, int], ...]) -> Excitation:
     """Return the excitation of the map along N operating points, each array of shape (N,)."""
     p_2, p_1 = grid.shape
-    step, cells = np.zeros(time.size), np.zeros(((p_2 - 1) * (p_1 - 1), 4, 4))
-    for start, stop in segments:
-        step[start + 1 : stop] = np.diff(time[start:stop])
+    step, cells = steps_of(time, segments), np.zeros(((p_2 - 1) * (p_1 - 1), 4, 4))
     nodes, weights = grid.regressors(fuel, speed)
     numbers = cell_numbers(grid, nodes)
     for a, b in np.ndindex(4, 4):

@@ -20,8 +20,9 @@ from lpvobs.engines.unknowns import Unknowns, unknowns_of
 from lpvobs.errors import DataError
 from lpvobs.maps.excitation import cell_numbers
 from lpvobs.maps.grid import Grid
+from lpvobs.observer.parts import log_of
 from lpvobs.observer.settings import EstimateSettings
-from lpvobs.records import Array, Defects, Log, Piece, Recording
+from lpvobs.records import Array, Defects, Piece, Recording
 
 BLOCK = 0.2  # [s] over which all channels are averaged first: noise goes, transients stay, and it costs little
 CHUNK = 1 << 14  # blocks that are held in memory at a time
@@ -108,7 +109,8 @@ class Watched:
         self._sums, rest, means = None, Channels(), Channels()
         for piece in followed(self.look[0].air_path.followers, self.recording.pieces()):
             rest = _joined(rest, {"time": piece.time, "begins": piece.begins.astype(float), **piece.channels})
-            first = _block_starts(rest)
+            entered = np.diff(np.floor(rest["time"] / BLOCK), prepend=-np.inf) > 0.0
+            first = np.flatnonzero((rest["begins"] > 0.0) | entered)  # no block reaches across a gap
             means = _joined(means, _block_means(rest, first))
             rest = {name: column[first[-1] :].copy() for name, column in rest.items()}  # may go on in the next piece
             while means["time"].size >= CHUNK:
@@ -132,12 +134,6 @@ class Watched:
 
 def _joined(one: Channels, other: Channels) -> Channels:
     return {name: np.concatenate((one[name], column)) if one else column for name, column in other.items()}
-
-
-def _block_starts(columns: Channels) -> NDArray[np.int64]:
-    """Return the first sample of every block; none reaches across a gap."""
-    entered = np.diff(np.floor(columns["time"] / BLOCK), prepend=-np.inf) > 0.0
-    return np.flatnonzero((columns["begins"] > 0.0) | entered)
 
 
 def _block_means(columns: Channels, first: NDArray[np.int64]) -> Channels:
@@ -191,7 +187,7 @@ def _balances(engine: Judged, means: Channels, slopes: bool = True) -> tuple[Arr
     """Return the flows of all balances [kg/s] and their slopes by what is not known; states and rates are those of the means."""
     time, air_path, unknowns = means["time"], engine.air_path, engine.unknowns
     rates = {name: np.gradient(means[name], time) if time.size > 1 else np.zeros(1) for name in air_path.smoothed}
-    log = Log("", "", time, means, {}, ((0, time.size),), np.arange(time.size), Defects(time.size))
+    log = log_of(time, means)
     found = air_path.balances(log, rates, unknowns.constants if slopes else ())
     if not unknowns.components:
         return found.flow, found.slope

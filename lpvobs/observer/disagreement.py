@@ -91,7 +91,7 @@ def _beyond(values: Array, least: Array) -> Array:
 
 def difference(common: Solution, part: LogInformation, prior: float) -> Difference:
     """Return how a log differs from the map of all logs and the engine; `prior` [kg/s] is that of a node before any data."""
-    layout, engine = common.layout, common.engine
+    layout, engine = common.layout, common.layout.engine
     # What lasts is in all logs alike: noise alone sets one apart.
     normal = np.einsum("ab,abij->ij", np.linalg.inv(common.fast), part.products)
     at_nodes = np.flatnonzero(part.columns < layout.nodes)

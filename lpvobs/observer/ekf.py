@@ -15,6 +15,7 @@ import numpy as np
 
 from lpvobs.compiled import njit
 from lpvobs.engines.base import Trajectory
+from lpvobs.maps.excitation import steps_of
 from lpvobs.maps.grid import Grid, local
 from lpvobs.observer.inverse import ROW, invert
 from lpvobs.records import Array
@@ -69,103 +70,79 @@ def adapt(
     square root of a second]. `x_0`, shape (S, n), are the states at the first sample of each segment; their variance there is
     one second of process noise.
     """
-    theta, P = state.theta.copy(), state.P.copy()  # of P, the lower triangle is kept up to date
-    fuel, speed = operating_point
-    r, n = trajectory.C.shape[1:]
+    steps, (r, n) = steps_of(time, segments), trajectory.C.shape[1:]
+    z, P = np.concatenate((np.empty(n), state.theta)), state.P.copy()  # of P, the lower triangle is kept up to date
     for (begin, end), first in zip(segments, x_0, strict=True):
         part = slice(begin, end)
-        P[:, :n] = 0.0
+        z[:n], P[:, :n] = first, 0.0
         P[:n, :n] = np.diag(process_variance)
-        system = (trajectory.A, trajectory.E, trajectory.C, trajectory.y)
-        A, E, C, y = (np.ascontiguousarray(each[part]) for each in system)
+        system = (trajectory.E, trajectory.C, trajectory.y)
+        E, C, y = (np.ascontiguousarray(each[part]) for each in system)
+        fuel, speed = (axis[part] for axis in operating_point)
+        h = steps[part]
+        backward = np.eye(n) - h[:, None, None] * trajectory.A[part]
         _filter(
-            time[part], A, E, C, y, fuel[part], speed[part], grid.fuel, grid.speed, measurement_variance,
-            process_variance, map_drift**2, tuple(first.tolist()), (0.0,) * r, theta, P,
+            h, backward, E, C, y, fuel, speed, grid.fuel, grid.speed, measurement_variance, process_variance,
+            map_drift**2, (0.0,) * n, (0.0,) * r, z, P,
         )  # fmt: skip
-    return KalmanState(theta, np.tril(P) + np.tril(P, -1).T)
+    return KalmanState(z[n:], np.tril(P) + np.tril(P, -1).T)
 
 
 @njit(cache=True)
 def _filter(  # type: ignore[no-untyped-def]
-    time, A, E, C, y, fuel, speed, u_nodes, n_nodes, R, Q, q_map, first, outputs, theta, P
+    steps, backward, E, C, y, fuel, speed, u_nodes, n_nodes, R, Q, q_map, states, outputs, z, P
 ):
-    """Move theta and P in place along one segment; the lengths of `first` and `outputs` are constants to the compiler."""
-    n, r = len(first), len(outputs)
-    nodes, weights, none = np.empty(4, dtype=np.int64), np.empty(4), np.zeros(4)
-    PH, S, x, driven = np.zeros((r, P.shape[0])), np.ones(r), np.array(first), np.empty(n)
+    """Move z = (x, theta) and P in place along one segment; the lengths of `states` and `outputs` are known to the compiler."""
+    n, r = len(states), len(outputs)
+    nodes, weights = np.empty(4, dtype=np.int64), np.empty(4)
+    at, H = np.arange(n + 4), np.zeros(n + 4)  # the numbers in z that take part in an output, and how much
+    PH, S, old = np.zeros((r, P.shape[0])), np.ones(r), np.empty(n)
     M, F, spare, t = np.empty((n, n, ROW)), np.empty((n, n, ROW)), np.empty((n, n, ROW)), np.empty(ROW)
-    for k in range(time.size):
-        q = k % ROW
+    for k in range(steps.size):
+        h, q = steps[k], k % ROW
         if q == 0:
-            for m in range(min(ROW, time.size - k)):
-                h = time[k + m] - time[k + m - 1] if k + m > 0 else 0.0
-                for i in range(n):
-                    for j in range(n):
-                        M[i, j, m] = (1.0 if i == j else 0.0) - h * A[k + m, i, j]
-            F, spare = invert(first, M, F, spare, t)
-        h = time[k] - time[k - 1] if k > 0 else 0.0
+            M[:, :, : min(ROW, steps.size - k)] = backward[k : k + ROW].transpose(1, 2, 0)
+            F, spare = invert(states, M, F, spare, t)
         local(u_nodes, n_nodes, fuel[k], speed[k], nodes, weights)
+        at[n:] = n + nodes
         if h > 0.0:
             for i in range(n):
-                driven[i] = x[i] + h * E[k, i]
+                z[i] += h * E[k, i]
+            _turn(states, F[:, :, q], z, old)  # Eq. (4)
+            _predict(states, F[:, :, q], P, old)
             for i in range(n):
-                x[i] = 0.0
-                for j in range(n):
-                    x[i] += F[i, j, q] * driven[j]  # Eq. (4)
-            _predict(first, F[:, :, q], P)
-            _drift(P, h, Q, q_map, nodes, weights)
+                P[i, i] += h * Q[i]
+            for m in range(4):
+                if weights[m] > 0.0:
+                    P[at[n + m], at[n + m]] += h * q_map
         for o in range(r):
-            _take_in(x, theta, P, PH, S, o, C[k, o], nodes, weights if o == r - 1 else none, y[k, o], R[o])
+            H[:n] = C[k, o]
+            H[n:] = weights if o == r - 1 else 0.0 * weights
+            _take_in(z, P, PH, S, o, at, H, y[k, o], R[o])
         _update(P, PH, S, outputs)
 
 
 @njit(cache=True)
-def _drift(P, h, Q, q_map, nodes, weights):  # type: ignore[no-untyped-def]
-    """Add the process noise of the states and of the nodes that take part."""
-    for i in range(Q.size):
-        P[i, i] += h * Q[i]
-    for m in range(4):
-        if weights[m] > 0.0:
-            P[Q.size + nodes[m], Q.size + nodes[m]] += h * q_map
-
-
-@njit(cache=True)
-def _take_in(  # type: ignore[no-untyped-def] # noqa: PLR0912 loops over states and nodes
-    x, theta, P, PH, S, o, c, nodes, weights, y, R
-):
-    """Correct states and map by output o, y = c x + weights theta + noise of variance R; leave its P H and S for the update."""
-    n, row = x.size, PH[o]
+def _take_in(z, P, PH, S, o, at, H, y, R):  # type: ignore[no-untyped-def]
+    """Correct z by output o, y = H z[at] + noise of variance R; leave its P H and S for the update."""
+    row = PH[o]
     row[:] = 0.0
     innovation, spread = y, R
-    for j in range(n):
-        if c[j] != 0.0:
-            innovation -= c[j] * x[j]
-            _add_row(P, j, c[j], row)
-    for m in range(4):
-        if weights[m] > 0.0:
-            innovation -= weights[m] * theta[nodes[m]]
-            _add_row(P, n + nodes[m], weights[m], row)
+    for m in range(at.size):
+        if H[m] != 0.0:
+            innovation -= H[m] * z[at[m]]
+            _add_row(P, at[m], H[m], row)
     for earlier in range(o):  # what the outputs before it have taken from P
-        other = PH[earlier]
         taken = 0.0
-        for j in range(n):
-            taken += c[j] * other[j]
-        for m in range(4):
-            taken += weights[m] * other[n + nodes[m]]
+        for m in range(at.size):
+            taken += H[m] * PH[earlier, at[m]]
         taken /= S[earlier]
         if taken != 0.0:
-            for i in range(row.size):
-                row[i] -= taken * other[i]
-    for j in range(n):
-        spread += c[j] * row[j]
-    for m in range(4):
-        spread += weights[m] * row[n + nodes[m]]
+            row -= taken * PH[earlier]
+    for m in range(at.size):
+        spread += H[m] * row[at[m]]
     S[o] = spread
-    push = innovation / spread
-    for i in range(n):
-        x[i] += row[i] * push
-    for i in range(theta.size):
-        theta[i] += row[n + i] * push
+    z += row * (innovation / spread)
 
 
 @njit(cache=True)
@@ -182,11 +159,9 @@ def _update(P, PH, S, outputs):  # type: ignore[no-untyped-def]
     """Take the information of all outputs from the lower triangle of P."""
     r, gain = len(outputs), np.empty(len(outputs))
     for i in range(P.shape[0]):
-        known = False
         for o in range(r):
             gain[o] = PH[o, i] / S[o]
-            known |= gain[o] != 0.0
-        if known:
+        if gain.any():
             target = P[i]
             for j in range(i + 1):
                 total = 0.0
@@ -196,25 +171,25 @@ def _update(P, PH, S, outputs):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _predict(states, F, P):  # type: ignore[no-untyped-def]
+def _predict(states, F, P, old):  # type: ignore[no-untyped-def]
     """Replace P by diag(F, I) P diag(F, I)^T in its lower triangle."""
-    n, row = len(states), np.empty(len(states))
+    n = len(states)
     for i in range(n):  # the block of the states, first P F^T, then F times that
-        for j in range(i):
-            P[j, i] = P[i, j]
+        P[:i, i] = P[i, :i]
     for i in range(P.shape[0]):
-        for j in range(n):
-            row[j] = P[i, j]
-        for j in range(n):
-            total = 0.0
-            for m in range(n):
-                total += F[j, m] * row[m]
-            P[i, j] = total
+        _turn(states, F, P[i], old)
     for j in range(n):
-        for i in range(n):
-            row[i] = P[i, j]
-        for i in range(j, n):
-            total = 0.0
-            for m in range(n):
-                total += F[i, m] * row[m]
-            P[i, j] = total
+        _turn(states, F, P[:, j], old)
+
+
+@njit(cache=True)
+def _turn(states, F, row, old):  # type: ignore[no-untyped-def]
+    """Multiply the first numbers of a row or column by F."""
+    n = len(states)
+    for i in range(n):
+        old[i] = row[i]
+    for i in range(n):
+        total = 0.0
+        for j in range(n):
+            total += F[i, j] * old[j]
+        row[i] = total

@@ -8,7 +8,7 @@ claimed for several balances. The certificate is about the state, and the state 
 model: with 2000 1/s a turbine of another shape moved the map by 0.3 % of the air flow, through the pressure before it.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Annotated
 
@@ -20,7 +20,7 @@ from lpvobs.engines.unknowns import Unknowns, unknowns_of
 from lpvobs.errors import DataError
 from lpvobs.maps.excitation import Excitation, of_cells
 from lpvobs.maps.grid import Grid
-from lpvobs.maps.quadratic import terms_at_nodes
+from lpvobs.maps.quadratic import BOTH, NODES, terms_at_nodes
 from lpvobs.observer.information import Solution, considered, prior_of, solve
 from lpvobs.observer.log_run import LogRun
 from lpvobs.observer.parts import LogInformation, StateGain, added_up, inform
@@ -101,7 +101,6 @@ class Point:
 ERROR = "error of the mass air flow sensor, reading minus truth"
 ORIGIN = "where the value comes from"
 PER_CONSTANT = "change of the map per relative error of the constant"
-BOTH, SQUARE = ("speed", "fuel"), ("node", "other_node")
 
 
 @dataclass(frozen=True)
@@ -117,9 +116,9 @@ class NodeMap:
     # the smallest eigenvalue of every cell, shape (p_2 - 1, p_1 - 1)
     excitation: Annotated[Array, Item("s", "persistency of excitation, delta_1 of Eq. (29)", BOTH, "delta_1")]
     covariance: Annotated[
-        Array, Item("kg^2/s^2", "covariance of the nodes; NaN where the method has none", SQUARE, gaps=True)
+        Array, Item("kg^2/s^2", "covariance of the nodes; NaN where the method has none", NODES, gaps=True)
     ]
-    noise: Annotated[Array, Item("kg^2/s^2", "part of it that no engine constant explains", SQUARE, gaps=True)]
+    noise: Annotated[Array, Item("kg^2/s^2", "part of it that no engine constant explains", NODES, gaps=True)]
     # what the method would find for each term of `maps.quadratic`
     design: Annotated[Array, Item("1", "node values that stand for each term", ("node", "term"))]
     # and the modes of a calibrated engine; none where the method does not tell
@@ -134,13 +133,6 @@ class MapEstimate(NodeMap):
 
     runs: tuple[LogRun, ...]
     engine: EngineFound | None = None  # what the logs say of the engine; None where the method does not tell
-
-
-def steps_of(log: Log) -> Array:
-    """Return the time of each sample, shape (N,) [s]; the first of a segment stands for none."""
-    steps = np.diff(log.time, prepend=log.time[0])
-    steps[[start for start, _ in log.segments]] = 0.0
-    return steps
 
 
 def estimate_default(
@@ -168,39 +160,31 @@ def merged(grid: Grid, parts: Iterable[LogInformation], point: Point) -> tuple[M
     """Return the map from the parts of logs, and the solution behind it."""
     # The parts are looked at once, one after the other; the bits of a sum depend on their order, so give them in the order
     # of the logs' digests.
-    runs: list[LogRun] = []
-
-    def noted() -> Iterator[LogInformation]:
-        for part in parts:
-            runs.append(part.run)
-            yield part
-
     unknowns, settings = point.unknowns, point.settings
     layout = Columns(grid.size, unknowns.size, len(point.configured.balance_names))
-    total = added_up(grid, layout, noted())
-    prior = prior_of(grid, settings.prior_map, unknowns, layout.balances)
-    solution = solve(layout, total, prior)
+    total, runs = added_up(grid, layout, parts)
+    prior = prior_of(grid, settings.prior_map, unknowns)
+    solution, engine = solve(layout, total, prior), layout.engine
     if settings.constants == "consider":
         solution = considered(solution, total, prior)
     theta, covariance, noise = _since_known(grid, solution, unknowns)
-    nodes = slice(layout.nodes)
-    coupled = covariance[nodes, solution.engine] @ unknowns.reduction
-    own = unknowns.reduced(solution.covariance[solution.engine, solution.engine])
+    nodes, of_engine = slice(layout.nodes), solution.covariance[engine, engine]
+    coupled = covariance[nodes, engine] @ unknowns.reduction
     estimate = replace(
         finished("observer", grid, theta, covariance[nodes, nodes], runs, of_cells(grid, total.gram), settings),
         noise=noise,
         design=solution.design,
         constants=unknowns.coordinates,
-        sensitivity=np.asarray(np.linalg.solve(own, coupled.T)).reshape(-1, *grid.shape),
+        sensitivity=np.asarray(np.linalg.solve(unknowns.reduced(of_engine), coupled.T)).reshape(-1, *grid.shape),
+        # Far from where it is linearised, a compressor of other constants looks like one that needs large corrections, and
+        # stays there. So the constants take each step, and only the last solution has corrections as large as they may be.
         engine=EngineFound(
             unknowns,
             point.deviation,
-            solution.mean[solution.engine],
-            solution.covariance[solution.engine, solution.engine],
+            solution.mean[engine],
+            of_engine,
             solution.amplitudes,
-            # Far from where it is linearised, a compressor of other constants looks like one that needs large corrections, and
-            # stays there. So the constants take each step, and only the last solution has corrections as large as they may be.
-            solution.stiff[solution.engine],
+            step=solution.stiff[engine],
         ),
     )
     return estimate, solution
@@ -208,7 +192,7 @@ def merged(grid: Grid, parts: Iterable[LogInformation], point: Point) -> tuple[M
 
 def _since_known(grid: Grid, solution: Solution, unknowns: Unknowns) -> tuple[Array, Array, Array]:
     """Return theta (p,), the covariance of all columns and the map's noise, as the change since the air flow was known."""
-    left, own, p = unknowns.at_nodes, solution.engine, solution.layout.nodes
+    left, own, p = unknowns.at_nodes, solution.layout.engine, solution.layout.nodes
     if left is None:
         return solution.theta, solution.covariance, solution.noise
     if not (np.array_equal(left.fuel, grid.fuel) and np.array_equal(left.speed, grid.speed)):

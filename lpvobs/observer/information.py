@@ -53,7 +53,7 @@ the nodes held, and 81, 94, 96 % of those of means over a quarter of the map."""
 REPEATED = np.concatenate([[0.0], np.geomspace(1e-6, 1e-2, 81)])
 """[kg/s], standard deviations of errors that repeat: what is tried, 12 % apart."""
 LEAST_WINDOWS = 40.0  # of a quarter of a second, under which what is not known of the engine absorbs a balance's errors
-NO_LEVEL = 1e-9  # [kg/s], standard deviation of a level of the day where none is configured
+NO_LEVEL = 1e-9  # [kg/s], standard deviation of a balance's level of the day: the days of an estimate have none
 AMPLITUDE_SPREAD = 3.0  # standard deviation of the logarithm of an amplitude before any data: a factor of twenty
 
 
@@ -87,11 +87,6 @@ class Solution:
         """The map, shape (p,) [kg/s]."""
         return self.mean[: self.layout.nodes]
 
-    @property
-    def engine(self) -> slice:
-        """Where the engine's unknowns stand."""
-        return slice(self.layout.nodes, self.layout.nodes + self.layout.unknowns)
-
 
 @dataclass(frozen=True)
 class Prior:
@@ -99,35 +94,33 @@ class Prior:
 
     node: float  # [kg/s], standard deviation of a node, far beyond any sensor
     unknowns: Unknowns
-    levels: tuple[float, ...]  # [kg/s], standard deviation of each balance's level of the day
     alike: Array  # (p, p) correlation of the errors of a balance that repeat at the nodes
     amplitudes: tuple[float, ...] = ()  # of the groups of corrections; none where they are found from the data
 
     def mean(self, layout: Columns) -> Array:
         """Return the mean of all columns that are solved for."""
         found = np.zeros(layout.solved)
-        found[layout.nodes : layout.nodes + layout.unknowns] = self.unknowns.mean
+        found[layout.engine] = self.unknowns.mean
         return found
 
     def root(self, layout: Columns, amplitudes: Sequence[float]) -> Array:
         """Return a square root of their covariance, lower triangular."""
         found = np.zeros((layout.solved, layout.solved))
         np.fill_diagonal(found, self.node)
-        own = slice(layout.nodes, layout.nodes + layout.unknowns)
-        covariance = self.unknowns.scaled(amplitudes)
+        own, covariance = layout.engine, self.unknowns.scaled(amplitudes)
         ridge = 1e-9 * np.diag(covariance) + 1e-18
         found[own, own] = np.linalg.cholesky(covariance + np.diag(ridge)) if self.unknowns.size else covariance
         levels = np.arange(own.stop, layout.solved)
-        found[levels, levels] = self.levels
+        found[levels, levels] = NO_LEVEL
         return found
 
 
-def prior_of(grid: Grid, node: float, unknowns: Unknowns, balances: int) -> Prior:
-    """Return the prior of logs whose days have no levels; `node` [kg/s] is the standard deviation of a node."""
+def prior_of(grid: Grid, node: float, unknowns: Unknowns) -> Prior:
+    """Return the prior of logs; `node` [kg/s] is the standard deviation of a node."""
     axes = {name: Nodes(values, "1", "") for name, values in (("speed", grid.speed), ("fuel", grid.fuel))}
     lengths = tuple(ALIKE * float(np.ptp(axis.values)) for axis in axes.values())
     repeated = Component("repeated", "kg/s", "", 1.0, axes=axes, lengths=lengths)
-    return Prior(node, unknowns, (NO_LEVEL,) * balances, repeated.correlation())
+    return Prior(node, unknowns, repeated.correlation())
 
 
 def _without_brief(moments: Moments) -> Moments:
@@ -142,7 +135,7 @@ def _without_brief(moments: Moments) -> Moments:
 
 def solve(layout: Columns, moments: Moments, prior: Prior) -> Solution:
     """Return map and engine as the sums of logs determine them."""
-    groups, q = prior.unknowns.groups(), layout.unknowns
+    groups = prior.unknowns.groups()
     amplitudes: tuple[float, ...] = (AMPLITUDES[0],) * len(groups)
     state = _Solved(layout, _without_brief(moments), prior)
     errors = Errors(FIRST_ERROR**2 * np.eye(layout.balances), np.zeros(layout.balances))
@@ -152,22 +145,10 @@ def solve(layout: Columns, moments: Moments, prior: Prior) -> Solution:
         amplitudes = prior.amplitudes or state.likeliest(errors)
         errors, fast = state.settled(errors, amplitudes, 1)
     free, engine, _ = state.solved(errors, amplitudes)
-    mean, covariance = state.mean(free, engine), state.covariance(free, engine)
-    answers = np.column_stack([free.answers[:, :q], free.N @ free.A[: layout.nodes, layout.terms]])
-    quick = state.without_map(Errors(fast, np.zeros(layout.balances))).N
-    return Solution(
-        layout,
-        mean,
-        covariance,
-        free.N,
-        answers[:, :q],
-        answers[:, q:],
-        errors,
-        fast,
-        quick,
-        amplitudes,
-        stiff if groups else mean,
-    )
+    mean, covariance, p, q = state.mean(free, engine), state.covariance(free, engine), layout.nodes, layout.unknowns
+    response, design = free.answers[:, :q], free.N @ free.A[:p, layout.terms]
+    quick, step = state.without_map(Errors(fast, np.zeros(layout.balances))).N, stiff if groups else mean
+    return Solution(layout, mean, covariance, free.N, response, design, errors, fast, quick, amplitudes, step)
 
 
 @dataclass(frozen=True)
@@ -254,18 +235,15 @@ class _Solved:
         # groups.
         left = np.zeros(self.layout.size)
         left[: self.layout.solved], left[self.layout.z] = -mean, 1.0
-        found = []
-        for products, rows in (
-            (self.moments.products, self.moments.windows),
-            (self.moments.slow, self.moments.windows / GROUP),
-        ):
+
+        def covariance(products: Array, rows: Array) -> Array:
             own = spent * rows / max(float(rows.sum()), 1.0)
             free = np.maximum(np.maximum(rows - own, LEAST_FREE * rows), 1.0)
-            found.append(
-                np.einsum("i,abij,j->ab", left, products, left) / np.sqrt(np.outer(free, free))
-                + LEAST_ERROR**2 * np.eye(self.layout.balances)
-            )
-        fast, slow = found
+            found = np.einsum("i,abij,j->ab", left, products, left) / np.sqrt(np.outer(free, free))
+            return np.asarray(found + LEAST_ERROR**2 * np.eye(self.layout.balances))
+
+        moments = self.moments
+        fast, slow = covariance(moments.products, moments.windows), covariance(moments.slow, moments.windows / GROUP)
         # The noise of smoothed signals is taken out of the products, and a short log may have less left than was taken out.
         fast, slow = _positive(fast, np.abs(fast)), _positive(slow, fast)
         S = slow if np.trace(np.linalg.solve(fast, slow)) > self.layout.balances else fast

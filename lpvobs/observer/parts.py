@@ -52,13 +52,6 @@ class LogInformation:
     cells: NDArray[np.int64]  # (v,) numbers of the cells, row by row
     gram: Array  # (v, 4, 4) [s]
 
-    def add_to(self, total: Moments) -> None:
-        """Add these sums to those over all columns and cells."""
-        total.products[:, :, self.columns[:, None], self.columns] += self.products
-        total.slow[:, :, self.columns[:, None], self.columns] += self.slow
-        total.windows[:] += self.windows
-        total.gram[self.cells] += self.gram
-
 
 @dataclass(frozen=True)
 class Observed:
@@ -69,47 +62,34 @@ class Observed:
     parameters: Array  # (N, m) scheduling parameters
     point: tuple[Array, Array]  # (N,) the map's inputs: fuel, speed
     z: Array  # (B, N) [kg/s], the sensor's reading less the flow of each balance
-    signals: Array  # (s, N) see `SlopeSignals`
+    signals: Array  # (s, N) see `slope_signals`
 
 
-@dataclass(frozen=True)
-class SlopeSignals:
-    """What the slopes of the balances are computed from, as rows: channels, rates, squares of what is rough in them, steps."""
-
-    channels: tuple[str, ...]
-    smoothed: tuple[str, ...]
-
-    @property
-    def count(self) -> int:
-        """Number of rows."""
-        return len(self.channels) + 2 * len(self.smoothed) + 1
-
-    def stacked(
-        self, channels: Mapping[str, Array], rates: Mapping[str, Array], rough: Mapping[str, Array], steps: Array
-    ) -> Array:
-        """Return the rows, shape (s, N)."""
-        squares = [rough[name] ** 2 for name in self.smoothed]
-        return np.stack(
-            [*(channels[name] for name in self.channels), *(rates[name] for name in self.smoothed), *squares, steps]
-        )
-
-    def parted(self, rows: Array) -> tuple[list[dict[str, Array]], Array]:
-        """Return channels, rates and squares, and the steps, again from rows of shape (n, s)."""
-        columns = iter(np.ascontiguousarray(rows.T))
-        parts = [{name: next(columns) for name in names} for names in (self.channels, self.smoothed, self.smoothed)]
-        return parts, next(columns)
+def slope_signals(
+    air_path: AirPath,
+    channels: Mapping[str, Array],
+    rates: Mapping[str, Array],
+    rough: Mapping[str, Array],
+    steps: Array,
+) -> Array:
+    """Return what slopes are computed from as rows, shape (s, N): channels, rates, squares of what is rough in them, steps."""
+    names, smoothed = (*air_path.channels, *air_path.followers), air_path.smoothed
+    squares = [rough[name] ** 2 for name in smoothed]
+    return np.stack([*(channels[name] for name in names), *(rates[name] for name in smoothed), *squares, steps])
 
 
-def signals_for(air_path: AirPath) -> SlopeSignals:
-    """Return what the slopes of an engine's balances are computed from."""
-    return SlopeSignals((*air_path.channels, *air_path.followers), air_path.smoothed)
+def parted(air_path: AirPath, rows: Array) -> tuple[list[dict[str, Array]], Array]:
+    """Return channels, rates and squares, and the steps, again from rows of shape (n, s)."""
+    columns, smoothed = iter(np.ascontiguousarray(rows.T)), air_path.smoothed
+    sorts = ((*air_path.channels, *air_path.followers), smoothed, smoothed)
+    return [{name: next(columns) for name in names} for names in sorts], next(columns)
 
 
 class Answers:
     """How flows answer to the engine's unknowns in windows of a log; the air path is at the point of linearisation."""
 
     def __init__(self, air_path: AirPath, unknowns: Unknowns, settings: EstimateSettings):
-        self.air_path, self.unknowns, self.signals = air_path, unknowns, signals_for(air_path)
+        self.air_path, self.unknowns = air_path, unknowns
         self.half_width = settings.smoothing
         constants = unknowns.covariance.diagonal()[: len(unknowns.constants)]
         self.spread = float(np.sqrt(constants.mean())) if constants.size else 0.0
@@ -118,14 +98,14 @@ class Answers:
 
     def slopes(self, stay: Array, means: Array) -> Slopes:
         """Return what mean signals of windows of some stay say of the slopes."""
-        (channels, rates, squares), steps = self.signals.parted(means)
+        (channels, rates, squares), steps = parted(self.air_path, means)
         n, step = stay.size, float(np.median(steps))
         (_, by_rate), (by_value, _) = kernel(step, self.half_width), kernel(step, CALM * self.half_width, CALM_LEAST)
         # A window's mean of squares has about so many degrees of freedom; their median, which transients do not raise, lies lower.
         degrees = np.maximum(np.median(stay) / step / ROUGH, 1.0)
         noise = {k: np.sqrt(np.median(s)) / (1.0 - 2.0 / (9.0 * degrees)) ** 1.5 for k, s in squares.items()}
         calm = {name: np.full(n, noise[name] * np.linalg.norm(by_value)) for name in self.air_path.calmed}
-        caution = self.air_path.caution(_log(np.arange(float(n)), channels), calm, self.spread, self.unknowns.learned)
+        caution = self.air_path.caution(log_of(np.arange(float(n)), channels), calm, self.spread, self.unknowns.learned)
         box = np.full(max(round(LENGTH / step), 1), step / LENGTH)
         in_rate = float(np.linalg.norm(np.convolve(box, by_rate)))
         signs = iter(np.resize(SIGNS, (n, len(SIGNS))).T[1:])
@@ -142,7 +122,7 @@ class Answers:
     def _at(self, channels: Mapping[str, Array], rates: Mapping[str, Array]) -> tuple[NDArray[np.int64], Array, Array]:
         """Return which k unknowns a flow answers to, J (n, B, k) and the flows (n, B) [kg/s]."""
         n = next(iter(rates.values())).size
-        log = _log(np.arange(float(n)), dict(channels))
+        log = log_of(np.arange(float(n)), channels)
         found = self.air_path.balances(log, rates, self.unknowns.constants)
         B, q = found.slope.shape[:2]
         corrections = self.air_path.corrections(log, rates)
@@ -191,7 +171,7 @@ def inform_observed(
     answers = Answers(air_path, unknowns, settings)
     layout = Columns(grid.size, unknowns.size, len(air_path.balance_names))
     # What makes slopes must not hold the windows, or both stay until garbage is looked for.
-    windows = Windows(grid, layout, answers.slopes, answers.signals.count)
+    windows = Windows(grid, layout, answers.slopes)
     for found, reading in observed:
         seen.see(found.parameters, found.time, found.steps, reading)
         windows.add(found.time, found.steps, found.point, found.z, found.signals)
@@ -209,29 +189,30 @@ def observed_along(
     air_path: AirPath, grid: Grid, gain: StateGain, recording: Recording, settings: EstimateSettings
 ) -> Iterator[tuple[Observed, Array]]:
     """Yield what the observer makes of a recording, stretch by stretch, and what the sensor read [kg/s]."""
-    signals, x, no_map = signals_for(air_path), np.empty(0), np.zeros(grid.size)
+    x, no_map = np.empty(0), np.zeros(grid.size)
     pieces = followed(air_path.followers, recording.pieces())
     for stretch in stretches(pieces, air_path.smoothed, settings.smoothing, air_path.calmed):
         log = calm_log(stretch)
         trajectory, point = air_path.trajectory(log, gain.outputs), operating_point(air_path, log)
-        first, before = (air_path.states(log)[0], None) if stretch.begins else (x, stretch.before)
-        run = observe(trajectory, log.time, log.segments, point, grid, gain.L, 0.0, first[None, :], no_map, before)
+        first = air_path.states(log)[0] if stretch.before is None else x
+        run = observe(trajectory, log.time, log.segments, point, grid, gain.L, 0.0, first[None], no_map, stretch.before)
         x = run.x[-1]
         states = dict(zip(air_path.state_names, np.ascontiguousarray(run.x.T), strict=True))
         seen = {**log.channels, **states}
-        flow = air_path.balances(_log(stretch.time, seen), stretch.rates, (), stretch.calm).flow
-        rows = signals.stacked(seen, stretch.rates, stretch.rough, stretch.steps)
+        flow = air_path.balances(log_of(stretch.time, seen), stretch.rates, (), stretch.calm).flow
+        rows = slope_signals(air_path, seen, stretch.rates, stretch.rough, stretch.steps)
         reading = stretch.channels[air_path.sensor]
         yield Observed(stretch.time, stretch.steps, trajectory.parameters, point, reading - flow, rows), reading
 
 
 def calm_log(stretch: SmoothStretch) -> Log:
     """Return a stretch as a log with its smoothed channels in place of those as recorded."""
-    return _log(stretch.time, {**stretch.channels, **stretch.values})
+    return log_of(stretch.time, {**stretch.channels, **stretch.values})
 
 
-def _log(time: Array, channels: dict[str, Array]) -> Log:
-    return Log("", "", time, channels, {}, ((0, time.size),), np.empty(0, dtype=np.int64), Defects(time.size))
+def log_of(time: Array, channels: Mapping[str, Array]) -> Log:
+    """Return channels that were computed as a log of one segment."""
+    return Log("", "", time, channels, {}, ((0, time.size),), np.arange(time.size), Defects(time.size))
 
 
 def operating_point(air_path: AirPath, log: Log) -> tuple[Array, Array]:
@@ -240,9 +221,13 @@ def operating_point(air_path: AirPath, log: Log) -> tuple[Array, Array]:
     return log[fuel.channel], log[speed.channel]
 
 
-def added_up(grid: Grid, layout: Columns, parts: Iterable[LogInformation]) -> Moments:
-    """Return the sums of logs together, added in the order given."""
-    total = no_moments(grid, layout)
+def added_up(grid: Grid, layout: Columns, parts: Iterable[LogInformation]) -> tuple[Moments, tuple[LogRun, ...]]:
+    """Return the sums of logs together, added in the order given, and what is kept of each log."""
+    total, runs = no_moments(grid, layout), []
     for part in parts:
-        part.add_to(total)
-    return total
+        total.products[:, :, part.columns[:, None], part.columns] += part.products
+        total.slow[:, :, part.columns[:, None], part.columns] += part.slow
+        total.windows[:] += part.windows
+        total.gram[part.cells] += part.gram
+        runs.append(part.run)
+    return total, tuple(runs)

@@ -27,6 +27,7 @@ import numpy as np
 
 from lpvobs.compiled import njit
 from lpvobs.engines.base import Trajectory
+from lpvobs.maps.excitation import steps_of
 from lpvobs.maps.grid import Grid, reach, seek
 from lpvobs.observer.inverse import ROW, invert
 from lpvobs.records import Array
@@ -69,8 +70,7 @@ def observe(
         C, y, steady = np.where(np.isnan(y)[:, None], 0.0, C), np.where(np.isnan(y), 0.0, y), 0
     system, nodes, L = (A, E, C, y, reading, steady), (grid.fuel, grid.speed), np.ascontiguousarray(L, dtype=float)
     x, innovation, theta = np.empty((C.shape[1], time.size)), np.empty(time.size), theta_0.copy()
-    steps = np.diff(time, prepend=time[:1])
-    steps[[start for start, _ in segments]] = 0.0
+    steps = steps_of(time, segments)
     if before is not None:
         steps[0] = time[0] - before
     for (start, stop), first in zip(segments, x_0, strict=True):

@@ -8,11 +8,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from lpvobs.engines.base import AirPath, Trajectory
-from lpvobs.maps.excitation import Excitation, excitation
+from lpvobs.maps.excitation import Excitation, excitation, steps_of
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import normal_equations
 from lpvobs.observer.ekf import KalmanSettings, adapt, start
-from lpvobs.observer.estimate import MapEstimate, finished, steps_of
+from lpvobs.observer.estimate import MapEstimate, finished
 from lpvobs.observer.log_run import LogRun, RangeSeen, nothing_between
 from lpvobs.observer.parts import StateGain, operating_point
 from lpvobs.observer.recursion import observe
@@ -35,7 +35,7 @@ class _InTurn:
         trajectory = self.air_path.trajectory(log, self.gain.outputs)
         point = operating_point(self.air_path, log)
         seen = RangeSeen(trajectory.parameters.shape[1], self.gain.region)
-        seen.see(trajectory.parameters, log.time, steps_of(log), log[self.air_path.sensor])
+        seen.see(trajectory.parameters, log.time, steps_of(log.time, log.segments), log[self.air_path.sensor])
         self.runs.append(seen.run(log))
         self.excited.append(excitation(self.grid, *point, log.time, log.segments))
         return trajectory, point
@@ -98,7 +98,7 @@ def estimate_batch(
     gram, right, squares, samples = np.zeros((p, p)), np.zeros(p), 0.0, 0
     for log in logs:
         trajectory, point = in_turn.begin(log)
-        used = steps_of(log) > 0
+        used = steps_of(log.time, log.segments) > 0
         if not used.any():
             raise nothing_between(log.name, float(log.time[0]))
         z = (trajectory.y[:, -1] - np.einsum("kj,kj->k", trajectory.C[:, -1], air_path.states(log)))[used]

@@ -46,7 +46,7 @@ def smooth(
 class SmoothStretch:
     """At most `BLOCK` consecutive samples of one segment, smoothed."""
 
-    before: float  # [s], time of the sample before; NaN where the segment begins
+    before: float | None  # [s], time of the sample before; None where the segment begins
     time: Array  # (n,) [s]
     channels: dict[str, Array]  # (n,) as recorded
     values: dict[str, Array]  # (n,) the smoothed channels
@@ -55,14 +55,9 @@ class SmoothStretch:
     rough: dict[str, Array]  # (n,) see `roughness`
 
     @property
-    def begins(self) -> bool:
-        """Whether a segment begins here."""
-        return bool(np.isnan(self.before))
-
-    @property
     def steps(self) -> Array:
         """The time that each sample stands for, shape (n,) [s]; the first of a segment stands for none."""
-        return np.diff(self.time, prepend=self.time[0] if self.begins else self.before)
+        return np.diff(self.time, prepend=self.time[0] if self.before is None else self.before)
 
 
 def stretches(
@@ -78,7 +73,7 @@ def stretches(
             values, rates = held.through(half_width, names, start, stop)
             calmer = held.through(widest, calm, start, stop, CALM_LEAST)[0] if calm else ()
             yield SmoothStretch(
-                before=float(held.time[start - 1]) if start else float("nan"),
+                before=float(held.time[start - 1]) if start else None,
                 time=held.time[start:stop],
                 channels={name: column[start:stop] for name, column in held.channels.items()},
                 values=dict(zip(names, values, strict=True)),
@@ -204,10 +199,7 @@ def _one_by_one(time, columns, half_width, lo, hi, k, values, rates):  # type: i
         t2 = tau * tau
         w = (1.0 - t2) * (1.0 - t2)
         s0, s1, s2, s3, s4 = s0 + w, s1 + w * tau, s2 + w * t2, s3 + w * (t2 * tau), s4 + w * (t2 * t2)
-    # first two rows of the inverse of the moment matrix [[s0, s1, s2], [s1, s2, s3], [s2, s3, s4]]
-    c00, c01, c02 = s2 * s4 - s3 * s3, s2 * s3 - s1 * s4, s1 * s3 - s2 * s2
-    c11, c12 = s0 * s4 - s2 * s2, s1 * s2 - s0 * s3
-    inverse = 1.0 / (s0 * c00 + s1 * c01 + s2 * c02)
+    c00, c01, c02, c11, c12, inverse = _cofactors(s0, s1, s2, s3, s4)
     values[:] = 0.0
     rates[:] = 0.0
     for i in range(lo, hi + 1):
@@ -222,6 +214,13 @@ def _one_by_one(time, columns, half_width, lo, hi, k, values, rates):  # type: i
 
 
 @njit(cache=True)
+def _cofactors(s0, s1, s2, s3, s4):  # type: ignore[no-untyped-def]
+    """Return the first two rows of the inverse of [[s0, s1, s2], [s1, s2, s3], [s2, s3, s4]], but for the factor at the end."""
+    c00, c01, c02 = s2 * s4 - s3 * s3, s2 * s3 - s1 * s4, s1 * s3 - s2 * s2
+    return c00, c01, c02, s0 * s4 - s2 * s2, s1 * s2 - s0 * s3, 1.0 / (s0 * c00 + s1 * c01 + s2 * c02)
+
+
+@njit(cache=True)
 def _side_by_side(time, columns, half_width, side, start, stop, values, rates):  # type: ignore[no-untyped-def]
     """Fit neighbouring samples whose windows hold at most `side` samples on either side and are not widened."""
     # The same operations in the same order for each sample as one by one, so the same bits; the loop over samples is the
@@ -229,7 +228,8 @@ def _side_by_side(time, columns, half_width, side, start, stop, values, rates): 
     # nothing.
     n = stop - start
     scale = 1.0 / (1.001 * half_width)
-    moment, cofactor = np.zeros((5, n)), np.empty((5, n))
+    moment, c00, c01, c02 = np.zeros((5, n)), np.empty(n), np.empty(n), np.empty(n)
+    c11, c12, inverse = np.empty(n), np.empty(n), np.empty(n)
     value_weight, rate_weight = np.empty(n), np.empty(n)
     centre = time[start:stop]
     for offset in range(-side, side + 1):
@@ -244,13 +244,9 @@ def _side_by_side(time, columns, half_width, side, start, stop, values, rates): 
             moment[2, k] += w * t2
             moment[3, k] += w * (t2 * tau)
             moment[4, k] += w * (t2 * t2)
-    inverse = np.empty(n)
     for k in range(n):
         s0, s1, s2, s3, s4 = moment[0, k], moment[1, k], moment[2, k], moment[3, k], moment[4, k]
-        c00, c01, c02 = s2 * s4 - s3 * s3, s2 * s3 - s1 * s4, s1 * s3 - s2 * s2
-        cofactor[0, k], cofactor[1, k], cofactor[2, k] = c00, c01, c02
-        cofactor[3, k], cofactor[4, k] = s0 * s4 - s2 * s2, s1 * s2 - s0 * s3
-        inverse[k] = 1.0 / (s0 * c00 + s1 * c01 + s2 * c02)
+        c00[k], c01[k], c02[k], c11[k], c12[k], inverse[k] = _cofactors(s0, s1, s2, s3, s4)
     values[:, start:stop] = 0.0
     rates[:, start:stop] = 0.0
     for offset in range(-side, side + 1):
@@ -260,8 +256,8 @@ def _side_by_side(time, columns, half_width, side, start, stop, values, rates): 
             tau = away * scale
             t2 = tau * tau
             w = (1.0 - t2) * (1.0 - t2) * inverse[k] if abs(away) < half_width else 0.0
-            value_weight[k] = w * (cofactor[0, k] + cofactor[1, k] * tau + cofactor[2, k] * t2)
-            rate_weight[k] = w * (cofactor[1, k] + cofactor[3, k] * tau + cofactor[4, k] * t2) * scale
+            value_weight[k] = w * (c00[k] + c01[k] * tau + c02[k] * t2)
+            rate_weight[k] = w * (c01[k] + c11[k] * tau + c12[k] * t2) * scale
         for c in range(columns.shape[0]):
             signal = columns[c, start + offset : stop + offset]
             value, rate = values[c, start:stop], rates[c, start:stop]

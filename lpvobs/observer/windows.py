@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lpvobs.compiled import njit
-from lpvobs.maps.grid import Grid, seek, share
+from lpvobs.maps.grid import Grid, local
 from lpvobs.maps.quadratic import COEFFICIENTS, scaled_terms
 from lpvobs.records import Array
 
@@ -42,6 +42,11 @@ class Columns:
     def solved(self) -> int:
         """Number of columns that are solved for."""
         return self.nodes + self.unknowns + self.balances
+
+    @property
+    def engine(self) -> slice:
+        """The columns of the engine's unknowns."""
+        return slice(self.nodes, self.nodes + self.unknowns)
 
     @property
     def z(self) -> int:
@@ -93,12 +98,10 @@ class Slopes:
 class Windows:
     """Rows of a log as they are completed, added up; `slopes` takes the stay (n,) [s] and mean signals (n, s) of windows."""
 
-    def __init__(self, grid: Grid, layout: Columns, slopes: Callable[[Array, Array], Slopes], signals: int):
+    def __init__(self, grid: Grid, layout: Columns, slopes: Callable[[Array, Array], Slopes]):
         self.grid, self.layout, self.slopes = grid, layout, slopes
-        self.widths = (1, grid.size, len(COEFFICIENTS), layout.balances, signals)
         self.total, self.started = no_moments(grid, layout), float("nan")
-        self.windows = self.total.windows
-        self.blocks: dict[int, tuple[Array, ...]] = {}
+        self.blocks: dict[int, tuple[Array, Array]] = {}
 
     def add(self, time: Array, steps: Array, point: tuple[Array, Array], z: Array, signals: Array) -> None:
         """Add N samples, later than any before; z has shape (B, N), signals (s, N); a balance that is NaN says nothing."""
@@ -106,42 +109,41 @@ class Windows:
             self.started = float(time[0])
         window = np.floor((time - self.started) / LENGTH).astype(np.int64)
         block = window // ROWS
-        terms = scaled_terms(self.grid, *point)
+        values = np.column_stack([np.ones(time.size), scaled_terms(self.grid, *point), z.T, signals.T])
         for number in block[np.flatnonzero(np.diff(block, prepend=-1))].tolist():
             self._complete(number)
             part = slice(*np.searchsorted(block, (number, number + 1)))
-            sums = self.blocks.setdefault(number, tuple(np.zeros((ROWS, width)) for width in self.widths))
-            _add(
-                sums, self.total.gram, self.grid.fuel, self.grid.speed, window[part] - number * ROWS, steps[part],
-                point[0][part], point[1][part], terms[part], z[:, part], signals[:, part],
-            )  # fmt: skip
+            new = np.zeros((ROWS, self.grid.size)), np.zeros((ROWS, values.shape[1]))
+            Psi, sums = self.blocks.setdefault(number, new)
+            (fuel, speed), row = (axis[part] for axis in point), window[part] - number * ROWS
+            nodes = self.grid.fuel, self.grid.speed
+            _add(Psi, sums, self.total.gram, *nodes, row, steps[part], fuel, speed, values[part])
 
     def moments(self) -> Moments:
         """Return the sums over the whole log."""
         self._complete(None)
-        total = self.total
-        _mirror(total.products)
-        _mirror(total.slow)
-        return Moments(total.products, total.slow, self.windows, total.gram)
+        _mirror(self.total.products)
+        _mirror(self.total.slow)
+        return self.total
 
     def _complete(self, begun: int | None) -> None:
         """Add the blocks of windows before the one that has begun."""
         for number in [number for number in self.blocks if number != begun]:
-            stay, *sums = self.blocks.pop(number)
-            on = np.flatnonzero(stay[:, 0] >= LEAST_STAY)
+            Psi, sums = self.blocks.pop(number)
+            on = np.flatnonzero(sums[:, 0] >= LEAST_STAY)
             if on.size:
-                self._add_block(on // GROUP, stay[on, 0], *(total[on] / stay[on] for total in sums))
+                stay = sums[on, :1]
+                self._add_block(on // GROUP, stay[:, 0], Psi[on] / stay, sums[on, 1:] / stay)
 
-    def _add_block(
-        self, group: NDArray[np.int64], stay: Array, Psi: Array, terms: Array, z: Array, signals: Array
-    ) -> None:
-        """Add n windows: their stay [s], and means of Psi (n, p), terms (n, 6), z (n, B) [kg/s] and signals (n, s) over each."""
+    def _add_block(self, group: NDArray[np.int64], stay: Array, Psi: Array, means: Array) -> None:
+        """Add n windows: their stay [s], mean Psi (n, p), and means (n, 6 + B + s) of terms, z [kg/s] and signals."""
+        terms, z, signals = np.split(means, np.cumsum((len(COEFFICIENTS), self.layout.balances)), axis=1)
         found, layout, total = self.slopes(stay, signals), self.layout, self.total
         z = z + found.correction
         known = [z, found.reading[:, None], found.J.sum(axis=2), terms.sum(axis=1)[:, None]]
         says = np.logical_and.reduce([np.isfinite(each) for each in np.broadcast_arrays(*known)])
         says &= found.weight > 0.0
-        self.windows += says.sum(axis=0)
+        total.windows[:] += says.sum(axis=0)
         weight = np.sqrt(stay[:, None] * found.weight) * says
         nodes, own = np.flatnonzero(Psi.any(axis=0)), layout.nodes + found.touched
         columns = np.concatenate((nodes, own, np.arange(layout.nodes + layout.unknowns, layout.size)))
@@ -161,14 +163,12 @@ class Windows:
                     sums[a, b, self.layout.z, own] -= right / count
 
 
-@njit(cache=True)
-def _mirror(products):  # type: ignore[no-untyped-def]
-    B, _, C, _ = products.shape
-    for a in range(B):
-        for b in range(a + 1):
-            for i in range(C):
-                for j in range(C if b < a else i):
-                    products[a, b, i, j] = products[b, a, j, i]
+def _mirror(products: Array) -> None:
+    """Fill what is below the diagonal of the products of two balances from what is above it."""
+    for a, own in enumerate(products):
+        own[a] = np.triu(own[a]) + np.triu(own[a], 1).T
+        for b in range(a):
+            own[b] = products[b, a].T
 
 
 @njit(cache=True)
@@ -177,11 +177,8 @@ def _add_rows(products, slow, columns, group, weight, Psi, J, z, terms, reading)
     n, B = z.shape
     p, q = Psi.shape[1], J.shape[2]
     columns = columns.astype(np.uintp)  # no negative ones, for which each access would look
-    at, value, count = (
-        np.empty((B, columns.size), dtype=np.uintp),
-        np.empty((B, columns.size)),
-        np.zeros(B, dtype=np.int64),
-    )
+    at, value = np.empty((B, columns.size), dtype=np.uintp), np.empty((B, columns.size))
+    count = np.zeros(B, dtype=np.int64)
     rest, summed = np.zeros(columns.size - p - q), np.zeros((B, columns.size))
     for r in range(n):
         for b in range(B):
@@ -226,52 +223,17 @@ def _add_products(products, count, at, value):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _add(sums, gram, u_nodes, n_nodes, row, steps, fuel, speed, terms, z, signals):  # type: ignore[no-untyped-def]
-    stay, Psi, term_sums, z_sums, signal_sums = sums
+def _add(Psi, sums, gram, u_nodes, n_nodes, row, steps, fuel, speed, values):  # type: ignore[no-untyped-def]
+    """Add to the integrals of Psi and of values in each window, and to the Gram matrix of each cell."""
     p_1 = u_nodes.size
-    psi = np.empty(4)
-    i, j = 0, 0
+    nodes, weights = np.empty(4, dtype=np.int64), np.empty(4)
     for k in range(row.size):
         r, h = row[k], steps[k]
-        stay[r, 0] += h
-        i, j = seek(u_nodes, fuel[k], i), seek(n_nodes, speed[k], j)
-        eta_1, eta_2 = share(u_nodes, fuel[k], i), share(n_nodes, speed[k], j)
-        psi[0], psi[1] = (1.0 - eta_1) * (1.0 - eta_2), eta_1 * (1.0 - eta_2)
-        psi[2], psi[3] = (1.0 - eta_1) * eta_2, eta_1 * eta_2
-        first, cell = j * p_1 + i, j * (p_1 - 1) + i
-        Psi[r, first] += h * psi[0]
-        Psi[r, first + 1] += h * psi[1]
-        Psi[r, first + p_1] += h * psi[2]
-        Psi[r, first + p_1 + 1] += h * psi[3]
+        local(u_nodes, n_nodes, fuel[k], speed[k], nodes, weights)
+        cell = nodes[0] - nodes[0] // p_1
         for a in range(4):
+            Psi[r, nodes[a]] += h * weights[a]
             for b in range(4):
-                gram[cell, a, b] += h * psi[a] * psi[b]  # Eq. (29)
-        for y in range(terms.shape[1]):
-            term_sums[r, y] += h * terms[k, y]
-    start = 0
-    while start < row.size:
-        stop, r = start, row[start]
-        while stop < row.size and row[stop] == r:
-            stop += 1
-        _sum_up(z_sums[r], z, steps, start, stop)
-        _sum_up(signal_sums[r], signals, steps, start, stop)
-        start = stop
-
-
-@njit(cache=True)
-def _sum_up(sums, values, steps, start, stop):  # type: ignore[no-untyped-def]
-    """Add to the sums of signals; four at a time, for each sum waits for its last sample."""
-    for s in range(0, values.shape[0] - 3, 4):
-        a, b, c, d = sums[s], sums[s + 1], sums[s + 2], sums[s + 3]
-        for k in range(start, stop):
-            h = steps[k]
-            a, b, c, d = (
-                a + h * values[s, k],
-                b + h * values[s + 1, k],
-                c + h * values[s + 2, k],
-                d + h * values[s + 3, k],
-            )
-        sums[s], sums[s + 1], sums[s + 2], sums[s + 3] = a, b, c, d
-    for s in range(values.shape[0] - values.shape[0] % 4, values.shape[0]):
-        for k in range(start, stop):
-            sums[s] += steps[k] * values[s, k]
+                gram[cell, a, b] += h * weights[a] * weights[b]  # Eq. (29)
+        for i in range(values.shape[1]):
+            sums[r, i] += h * values[k, i]

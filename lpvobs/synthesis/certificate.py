@@ -47,20 +47,10 @@ class Certificate:
 
 
 def check(problem: GainProblem, L: Array, P: Array, Q: Array, eps_1: float, eps_2: float) -> Certificate:
-    """Prove Theorem 1 for given numbers, or say why it does not hold.
+    """Prove Theorem 1 for given L (n, r), P and Q (n, n), or say why it does not hold: Eq. (27), (28), (33).
 
-    Raises DataError for numbers that are not finite, and for shapes that do not fit the system.
-
-    Parameters
-    ----------
-    problem : GainProblem
-        n states, r outputs.
-    L : ndarray, shape (n, r)
-    P, Q : ndarray, shape (n, n)
-
-    Notes
-    -----
-    Eq. (27), (28), (33). Departure from the paper: none in the conditions.
+    Raises DataError for numbers that are not finite, and for shapes that do not fit the system. Departure from the paper: none in
+    the conditions.
     """
     vertices = problem.region.vertices()
     n, r = (len(matrix) for matrix in problem.at(vertices[0]))
@@ -77,18 +67,14 @@ def check(problem: GainProblem, L: Array, P: Array, Q: Array, eps_1: float, eps_
         raise DataError(f"gain: eps_1 = {eps_1}, eps_2 = {eps_2}, expected finite numbers; synthesise the gain again")
     e_1, e_2 = fractions([eps_1, eps_2])
 
-    def verdict(reason: str, pivot: float, failed: tuple[Fraction, ...] | None = None) -> Certificate:
-        where = None if failed is None else tuple(float(value) for value in failed)
-        return Certificate(not reason, len(vertices), pivot, where, reason)
-
     if reason := _why_not(problem, P, Q, e_1, e_2):
-        return verdict(reason, 0.0)
+        return Certificate(False, len(vertices), 0.0, None, reason)
     exact_P, exact_Q = fractions(P), fractions(Q)
     smallest = inf
     for name, matrix in (("P", exact_P), ("Q", exact_Q)):
         smallest = min(smallest, smallest_pivot(matrix))
         if smallest <= 0:
-            return verdict(f"{name} is not positive definite", smallest)
+            return Certificate(False, len(vertices), smallest, None, f"{name} is not positive definite")
     Y = product(exact_P, fractions(L))
     for vertex in vertices:  # Eq. (33)
         A, C = problem.at(vertex)
@@ -96,8 +82,9 @@ def check(problem: GainProblem, L: Array, P: Array, Q: Array, eps_1: float, eps_
         minus_M = np.block([[falling(exact_P, Y, A, C) - exact_Q, side], [side.T, np.diag([e_1, e_2])]])  # Eq. (27)
         smallest = min(smallest, smallest_pivot(minus_M))
         if smallest <= 0:
-            return verdict(f"M is not negative definite at {problem.region.place(vertex)}", smallest, vertex)
-    return verdict("", smallest)
+            reason = f"M is not negative definite at {problem.region.place(vertex)}"
+            return Certificate(False, len(vertices), smallest, tuple(map(float, vertex)), reason)
+    return Certificate(True, len(vertices), smallest, None, "")
 
 
 def _why_not(problem: GainProblem, P: Array, Q: Array, eps_1: Fraction, eps_2: Fraction) -> str:

@@ -1,11 +1,10 @@
 """The set of scheduling parameters that a certificate covers, and its vertices in exact arithmetic."""
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import chain, pairwise, product
-from math import isfinite
+from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,8 +37,29 @@ class Region:
     nonnegative_sums: tuple[tuple[str, str], ...] = ()  # pairs with x + y >= 0; a parameter belongs to one pair at most
 
     def __post_init__(self) -> None:
-        _refuse_bad_bounds(self)
-        _refuse_bad_pairs(self)
+        names, lower, upper = self.names, self.lower, self.upper
+        if len(set(names)) != len(names) or not len(names) == len(lower) == len(upper):
+            raise UsageError(
+                f"region: {len(names)} names, {len(lower)} lower and {len(upper)} upper bounds; expected "
+                "one lower and one upper bound for each name, and every name once"
+            )
+        for name, low, high in zip(names, lower, upper, strict=True):
+            if not -inf < low <= high < inf:
+                raise UsageError(
+                    f"region: {name} has the bounds [{low:g}, {high:g}], expected finite numbers, the lower one first"
+                )
+        paired = [name for pair in self.nonnegative_sums for name in pair]
+        if len(set(paired)) != len(paired) or not set(paired) <= set(names):
+            raise UsageError(
+                f"region: nonnegative_sums is {self.nonnegative_sums}, expected pairs of the names {names}, each name in "
+                "at most one pair"
+            )
+        for first, second in self.nonnegative_sums:
+            if upper[names.index(first)] + upper[names.index(second)] < 0.0:
+                raise UsageError(
+                    f"region: {first} + {second} is negative in the whole region, but nonnegative_sums asks for zero or more; "
+                    "raise an upper bound"
+                )
 
     def vertices(self) -> tuple[Point, ...]:
         """Return every vertex as exact fractions, in the order of `names`, none twice."""
@@ -108,35 +128,6 @@ def _clip(x: tuple[Fraction, ...], y: tuple[Fraction, ...]) -> tuple[Point, ...]
     return tuple(dict.fromkeys(corners))
 
 
-def _refuse_bad_bounds(region: Region) -> None:
-    names, lower, upper = region.names, region.lower, region.upper
-    if len(set(names)) != len(names) or not len(names) == len(lower) == len(upper):
-        raise UsageError(
-            f"region: {len(names)} names, {len(lower)} lower and {len(upper)} upper bounds; expected "
-            "one lower and one upper bound for each name, and every name once"
-        )
-    for name, low, high in zip(names, lower, upper, strict=True):
-        if not (isfinite(low) and isfinite(high) and low <= high):
-            raise UsageError(
-                f"region: {name} has the bounds [{low:g}, {high:g}], expected finite numbers, the lower one first"
-            )
-
-
-def _refuse_bad_pairs(region: Region) -> None:
-    paired = [name for pair in region.nonnegative_sums for name in pair]
-    if len(set(paired)) != len(paired) or not set(paired) <= set(region.names):
-        raise UsageError(
-            f"region: nonnegative_sums is {region.nonnegative_sums}, expected pairs of the names {region.names}, each name in "
-            "at most one pair"
-        )
-    for first, second in region.nonnegative_sums:
-        if region.upper[region.names.index(first)] + region.upper[region.names.index(second)] < 0.0:
-            raise UsageError(
-                f"region: {first} + {second} is negative in the whole region, but nonnegative_sums asks for zero or more; "
-                "raise an upper bound"
-            )
-
-
 @dataclass(frozen=True)
 class GainSettings:
     """The region that the certificate is to cover, and the form of the gain."""
@@ -160,7 +151,7 @@ class GainSettings:
         if not 0.0 <= self.decay < 1e6:
             raise ValueError("decay must be at least 0 and below 1e6 1/s")
         for name, (low, high) in {**self.bounds, **self.temperatures}.items():
-            if not -math.inf < low <= high < math.inf:
+            if not -inf < low <= high < inf:
                 raise ValueError(f"the bounds of {name} must be two finite numbers, the lower one first")
         for name, (low, _) in self.temperatures.items():
             if not low > 0:

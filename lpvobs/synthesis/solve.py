@@ -15,29 +15,18 @@ from lpvobs.synthesis.problem import GainProblem
 EPSILON = 0.49
 """eps_1 = eps_2: of one sum equal ones have the largest product; Eq. (28) would allow twice as much."""
 DIGITS = 12  # of the balanced matrices: rounding in other units must not send the solver along another path
-
-
 RESOLUTION = 0.01  # of the scale of a region
 
 
 def synthesise(problem: GainProblem, *, cascade: bool, decay: float = 0.0) -> Gain:
-    """Return a gain proven by Theorem 1 on the whole region.
+    """Return a gain proven by Theorem 1 on the whole region: Eq. (27), (28), (33).
+
+    With `cascade`, L takes nothing from the map's output: the state estimate does not depend on theta, and P L G = 0. The state
+    error is to decay at least as fast as exp(-decay t), `decay` in 1/s, whatever the parameters do inside the region: asked of the
+    solver with A + decay I in place of A; the certificate is that of Theorem 1 and does not state it. The paper does not say which
+    of the many feasible gains to take; `lpvobs.synthesis.lmi` does.
 
     Raises NotProven if no gain was found for this region, or the one found does not pass the exact check.
-
-    Parameters
-    ----------
-    problem : GainProblem
-        n states, r outputs.
-    cascade : bool
-        L takes nothing from the map's output: the state estimate does not depend on theta, and P L G = 0.
-    decay : float
-        [1/s]; the state error is to decay at least as fast as exp(-decay t), whatever the parameters do inside the region. Asked
-        of the solver with A + decay I in place of A; the certificate is that of Theorem 1 and does not state it.
-
-    Notes
-    -----
-    Eq. (27), (28), (33). The paper does not say which of the many feasible gains to take; `lpvobs.synthesis.lmi` does.
     """
     A, C = problem.matrices()
     units = balance(A, C)

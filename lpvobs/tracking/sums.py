@@ -159,7 +159,7 @@ class KeptLog:
 def basis_of(grid: Grid, solutions: Sequence[Solution], totals: Sequence[Moments], unknowns: Unknowns) -> Basis:
     """Return how rows are weighed after the first logs of some vehicles, each solved by itself."""
     fast = np.mean([each.fast for each in solutions], axis=0)
-    weights, own = np.linalg.inv(fast), solutions[0].engine
+    weights, own = np.linalg.inv(fast), solutions[0].layout.engine
     seen = sum(np.einsum("ab,abij->ij", weights, total.products[:, :, own, own]) for total in totals)
     amplitudes = np.exp(np.mean(np.log([each.amplitudes for each in solutions]), axis=0))
     covariance = unknowns.scaled(amplitudes.tolist())

@@ -7,7 +7,7 @@ from lpvobs.engines.unknowns import unknowns_of
 from lpvobs.maps.grid import Grid
 from lpvobs.observer import disagreement, information
 from lpvobs.observer.disagreement import agreements, difference
-from lpvobs.observer.information import NO_LEVEL, Errors, Prior, Solution
+from lpvobs.observer.information import Errors, Prior, Solution
 from lpvobs.observer.log_run import LogRun
 from lpvobs.observer.parts import LogInformation, added_up
 from lpvobs.observer.windows import Columns
@@ -50,15 +50,17 @@ def part(name, seed, moved=0.0, scatter=0.0, cells=(0, 1, 2, 3), hardly=()):
 
 def found(parts):
     """Return the common map at errors that are known, the engine as configured, and every log's agreement with it."""
-    total = added_up(GRID, LAYOUT, parts)
-    state = information._Solved(LAYOUT, total, Prior(PRIOR, UNKNOWNS, (NO_LEVEL,), np.eye(9)))
+    total, _ = added_up(GRID, LAYOUT, parts)
+    state = information._Solved(LAYOUT, total, Prior(PRIOR, UNKNOWNS, np.eye(9)))
     S = np.array([[ERROR**2]])
     errors = Errors(S, np.zeros(1))
     mean, covariance = np.zeros(LAYOUT.solved), np.diag([0.0] * 9 + [0.01**2 / 3, 0.0])
     free = state.without_map(errors)
-    noise, answers = free.N, np.column_stack([free.answers[:, :1], free.N @ free.A[:9, LAYOUT.terms]])
+    noise, design = free.N, free.N @ free.A[:9, LAYOUT.terms]
     mean[:9] = noise @ free.A[:9, LAYOUT.z]
-    common = Solution(LAYOUT, mean, covariance, noise, answers[:, :1], answers[:, 1:], errors, S, noise, (), mean)
+    common = Solution(
+        LAYOUT, mean, covariance, noise, free.answers[:, :1], design, errors, S, noise, amplitudes=(), stiff=mean
+    )
     scatter, verdicts = agreements([difference(common, part, PRIOR) for part in parts])
     return common, scatter, verdicts
 
@@ -80,7 +82,7 @@ def test_sums_of_logs_that_know_other_cells_add_up():
         whole[np.ix_(log.columns, log.columns)] += log.products[0, 0]
         windows += log.windows
         gram[log.cells] += log.gram
-    total = added_up(GRID, LAYOUT, parts)
+    total, _ = added_up(GRID, LAYOUT, parts)
     assert not np.array_equal(parts[0].columns, parts[1].columns)
     np.testing.assert_array_equal(total.products[0, 0], whole)
     np.testing.assert_array_equal(total.windows, windows)

@@ -11,9 +11,10 @@ from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.engines.diesel.published import PUBLISHED
 from lpvobs.engines.unknowns import unknowns_of
 from lpvobs.errors import DataError
+from lpvobs.maps.excitation import steps_of
 from lpvobs.maps.metrics import compare
 from lpvobs.maps.quadratic import evaluate, fit
-from lpvobs.observer.estimate import EngineFound, Point, estimate_default, steps_of
+from lpvobs.observer.estimate import EngineFound, Point, estimate_default
 from lpvobs.observer.parts import StateGain
 from lpvobs.observer.recursion import observe
 from lpvobs.observer.rivals import estimate_published
@@ -232,7 +233,7 @@ def test_a_step_is_that_of_small_corrections_and_never_moves_a_volume(air_path, 
 
 def test_steps_leave_gaps_out(drive):
     log = drive[0]
-    steps = steps_of(log)
+    steps = steps_of(log.time, log.segments)
     starts = [start for start, _ in log.segments]
     np.testing.assert_array_equal(steps[starts], 0.0)
     assert steps.sum() == pytest.approx(len(log) * 0.01 - 0.01 * len(starts), rel=1e-9)
@@ -247,7 +248,7 @@ def test_what_a_run_says_of_its_log(exact, air_path, drive):
     assert (run.lower <= np.median(along, axis=0)).all()
     assert (np.median(along, axis=0) <= run.upper).all()
     assert np.isnan(run.share_certified)  # nobody asked
-    assert run.duration == pytest.approx(steps_of(drive[0]).sum())
+    assert run.duration == pytest.approx(steps_of(drive[0].time, drive[0].segments).sum())
     assert exact.method == "observer"
 
 

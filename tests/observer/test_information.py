@@ -29,7 +29,7 @@ def moments(taken: float) -> Moments:
 
 @pytest.mark.parametrize("taken", [0.0, 3e-7])
 def test_errors_have_a_positive_variance_however_much_noise_was_taken_out(taken):
-    found = solve(LAYOUT, moments(taken), Prior(0.1, unknowns_of({}, ()), (1e-9, 1e-9), np.eye(P)))
+    found = solve(LAYOUT, moments(taken), Prior(0.1, unknowns_of({}, ()), np.eye(P)))
     assert np.linalg.eigvalsh(found.errors.S)[0] > 0.0
     assert np.diag(found.covariance[:P, :P]).min() > 0.0
     assert found.covariance[2, 2] == pytest.approx(0.01)  # nothing is known of it but the prior
@@ -70,7 +70,7 @@ def visited(balances: int, scatter: float, worse: float = 1.0) -> tuple[Columns,
 
 def prior(balances: int) -> Prior:
     """Return a prior of nodes that have nothing to do with each other."""
-    return Prior(0.1, unknowns_of({}, ()), (1e-9,) * balances, np.eye(NODES))
+    return Prior(0.1, unknowns_of({}, ()), np.eye(NODES))
 
 
 def test_balances_that_contradict_each_other_at_every_visit_share_the_map_however_little_one_scatters():
@@ -113,7 +113,7 @@ def test_errors_that_repeat_are_unknowns_of_their_own():
     """The same as a dense solution with a column for what each balance repeats at each node."""
     layout, sums, _ = visited(2, 1e-3)
     near = np.exp(-np.abs(np.subtract.outer(np.arange(NODES), np.arange(NODES))) / 3.0)
-    found = solve(layout, sums, Prior(0.1, unknowns_of({}, ()), (1e-9, 1e-9), near))
+    found = solve(layout, sums, Prior(0.1, unknowns_of({}, ()), near))
     size, p, weights = layout.size, NODES, np.linalg.inv(found.errors.S)
     onto = np.zeros((2, size, size + 2 * p))  # the rows of both balances, d_0 and d_1 behind them
     onto[:, :, :size] = np.eye(size)

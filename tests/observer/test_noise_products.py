@@ -5,7 +5,7 @@ import pytest
 
 from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.engines.unknowns import unknowns_of
-from lpvobs.observer.parts import Answers, signals_for
+from lpvobs.observer.parts import Answers, parted, slope_signals
 from lpvobs.observer.smoothing import roughness, smooth
 from lpvobs.observer.windows import LENGTH
 
@@ -29,12 +29,12 @@ def test_what_is_taken_off_is_the_covariance_that_noise_makes(engine, grid, sett
     seen = {**recorded, **dict(zip(diesel.smoothed, values, strict=True))}
     rate = dict(zip(diesel.smoothed, rates, strict=True))
     rough = {name: roughness(recorded[name], segments) for name in diesel.smoothed}
-    signals = signals_for(diesel).stacked(seen, rate, rough, np.full(N, step))
+    signals = slope_signals(diesel, seen, rate, rough, np.full(N, step))
     per = round(LENGTH / step)
     means = signals[:, per : N - N % per].reshape(len(signals), -1, per).mean(axis=2).T[:-1]
     answers = Answers(diesel, unknowns_of(settings.tolerance, diesel.components), settings)
     found = answers.slopes(np.full(len(means), LENGTH), means)
-    (channels, mean_rates, _), _ = signals_for(diesel).parted(means)
+    (channels, mean_rates, _), _ = parted(diesel, means)
     _, _, flow = answers._at(channels, mean_rates)
     J, z = found.J - found.J.mean(axis=0), flow.mean(axis=0) - flow
     dJ, dz = found.shaken

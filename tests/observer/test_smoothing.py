@@ -182,9 +182,9 @@ def test_pieces_of_any_size_give_the_bits_of_the_whole(width, cuts):
     rough = smoothing.roughness(signal, segments)
     np.testing.assert_array_equal(np.concatenate([item.rough["p"] for item in found]), rough)
     starts = np.cumsum([0, *(item.time.size for item in found)])[:-1]
-    assert [int(at) for at, item in zip(starts, found, strict=True) if item.begins] == [0, 100, 102]
+    assert [int(at) for at, item in zip(starts, found, strict=True) if item.before is None] == [0, 100, 102]
     for at, item in zip(starts, found, strict=True):
-        if not item.begins:
+        if item.before is not None:
             assert item.before == time[at - 1]
 
 

@@ -22,8 +22,8 @@ SLOPES = np.array([[[1.0, 0.0], [0.5, 0.2]], [[0.3, -1.0], [0.0, 1.0]]])
 THETA = 0.01 * np.sin(np.arange(9.0))
 UNKNOWNS = unknowns_of({"a": 0.5, "b": 0.5}, ())
 LEVEL = 1e-9
-ALIKE = prior_of(GRID, 0.1, UNKNOWNS, 2).alike
-PRIOR = Prior(0.1, UNKNOWNS, (LEVEL, LEVEL), ALIKE)
+ALIKE = prior_of(GRID, 0.1, UNKNOWNS).alike
+PRIOR = Prior(0.1, UNKNOWNS, ALIKE)
 
 
 def slopes(stay, means, noise=0.0, even=False):
@@ -68,7 +68,7 @@ def drive(seed, beta=(0.0, 0.0), seconds=60.0, noise=0.0, own=0.0):
 def summed(log, cuts=(), noise=0.0, even=False):
     """Return the sums over windows of a log in pieces."""
     time, steps, point, z, signals = log
-    found = Windows(GRID, LAYOUT, partial(slopes, noise=noise, even=even), 2)
+    found = Windows(GRID, LAYOUT, partial(slopes, noise=noise, even=even))
     for own in (slice(*cut) for cut in pairwise((0, *cuts, time.size))):
         part = tuple(axis[own] for axis in point)
         found.add(time[own], steps[own], part, z[:, own], np.ascontiguousarray(signals[:, own]))
@@ -140,7 +140,7 @@ def test_the_solution_is_that_of_dense_least_squares():
     """Given S, the mean is that of stacked rows, whitened, with the prior as further rows."""
     log = drive(3, (0.02, -0.01), own=1e-3)
     moments = summed(log)
-    prior = Prior(0.1, UNKNOWNS, (LEVEL, LEVEL), ALIKE)
+    prior = Prior(0.1, UNKNOWNS, ALIKE)
     found = solve(LAYOUT, moments, prior)
     k = LAYOUT.solved
     weight = np.linalg.inv(found.errors.S)
@@ -166,7 +166,7 @@ def test_the_solution_is_that_of_dense_least_squares():
 
 def test_without_noise_map_and_engine_come_back():
     beta = np.array([0.02, -0.01])
-    found = solve(LAYOUT, summed(drive(4, beta)), Prior(0.1, UNKNOWNS, (LEVEL, LEVEL), ALIKE))
+    found = solve(LAYOUT, summed(drive(4, beta)), Prior(0.1, UNKNOWNS, ALIKE))
     # z follows the deviations less the flow of one and one that it is computed from.
     np.testing.assert_allclose(found.mean[9:11], beta, atol=2e-5)
     np.testing.assert_allclose(found.theta, THETA, atol=2e-5)
@@ -175,9 +175,9 @@ def test_without_noise_map_and_engine_come_back():
 def test_a_wrong_engine_that_is_ignored_spoils_the_map():
     moments = summed(drive(4, (0.02, -0.01)))
     exact = unknowns_of({"a": 0.0, "b": 0.0}, ())
-    found = solve(LAYOUT, moments, Prior(0.1, exact, (LEVEL, LEVEL), ALIKE))
+    found = solve(LAYOUT, moments, Prior(0.1, exact, ALIKE))
     assert np.abs(found.theta - THETA).max() > 5e-3
-    kept = considered(solve(LAYOUT, moments, Prior(0.1, UNKNOWNS, (LEVEL, LEVEL), ALIKE)), moments, PRIOR)
+    kept = considered(solve(LAYOUT, moments, Prior(0.1, UNKNOWNS, ALIKE)), moments, PRIOR)
     assert np.abs(kept.theta - THETA).max() > 5e-3
     # Considered, the tolerance at least is in the interval.
     assert (np.abs(kept.theta - THETA) < 3.0 * np.sqrt(np.diag(kept.covariance[:P, :P]))).all()
@@ -215,13 +215,13 @@ def test_errors_that_come_back_at_an_operating_point_widen_the_intervals():
 def test_two_logs_know_an_error_of_both_better():
     logs = [summed(drive(seed, (0.02, -0.01), own=1e-3, seconds=300.0)) for seed in (5, 6)]
     both = windows.Moments(**{name: sums + getattr(logs[1], name) for name, sums in vars(logs[0]).items()})
-    prior = Prior(0.1, UNKNOWNS, (LEVEL, LEVEL), ALIKE)
+    prior = Prior(0.1, UNKNOWNS, ALIKE)
     one, two = (np.diag(solve(LAYOUT, moments, prior).covariance)[:11] for moments in (logs[0], both))
     assert np.median(two / one) == pytest.approx(0.5, rel=0.3)  # each finds its own S
 
 
 def test_no_log_leaves_the_prior():
-    found = solve(LAYOUT, windows.no_moments(GRID, LAYOUT), Prior(0.1, UNKNOWNS, (LEVEL, LEVEL), ALIKE))
+    found = solve(LAYOUT, windows.no_moments(GRID, LAYOUT), Prior(0.1, UNKNOWNS, ALIKE))
     np.testing.assert_array_equal(found.mean, 0.0)
     np.testing.assert_allclose(np.diag(found.covariance)[:11], [0.01] * 9 + [0.25 / 3.0] * 2, rtol=1e-6)
 
