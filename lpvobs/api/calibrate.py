@@ -9,8 +9,9 @@ import numpy as np
 from lpvobs.api.estimate import gain_for
 from lpvobs.api.files import File, Files, Progress, as_path, as_paths, refuse_copies, shown, within, writing
 from lpvobs.api.known_engine import learned_engine
-from lpvobs.calibration.bench import REFERENCE, bench_table, best_points, rows_of
+from lpvobs.calibration.bench import REFERENCE, bench_table, rows_of
 from lpvobs.calibration.fit import USUALLY_LEFT, Calibration, calibrated, taught
+from lpvobs.calibration.plan import best_points
 from lpvobs.engines.base import AirPath
 from lpvobs.engines.channels import AMBIENT
 from lpvobs.engines.unknowns import TABLE_FLOW, Unknowns, unknowns_of

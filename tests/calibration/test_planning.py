@@ -5,7 +5,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from lpvobs.calibration.bench import NEGLIGIBLE, REFERENCE, Rows, best_points
+from lpvobs.calibration.bench import REFERENCE, Rows
+from lpvobs.calibration.plan import NEGLIGIBLE, best_points
 from lpvobs.engines.unknowns import MeasuredPart
 
 POINTS, UNKNOWNS = 7, 5

@@ -20,7 +20,7 @@ from lpvobs.io.configuration.config import load_config
 PACKAGE = ROOT / "lpvobs"
 PLANTS = {
     "nine states": (
-        "derivative", "effects", "instruments", "integrate", "parameters", "plant", "readings", "road", "scene", "simulate",
+        "effects", "instruments", "integrate", "parameters", "plant", "readings", "road", "scene", "simulate",
         "stationary", "structure", "vehicle",
     ),
 }  # fmt: skip

@@ -15,7 +15,7 @@ from repository import ROOT
 from lpvobs.api.inspect import inspect_log
 from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.errors import DataError
-from lpvobs.io.logs import reading as reader
+from lpvobs.io.logs import parquet
 from lpvobs.io.logs.policies import LogPolicies
 from lpvobs.io.safety.atomic import replacing
 
@@ -570,18 +570,18 @@ def _(bench):
 @case("Files", "a file that changes while it is read", "refuse", "message")
 def _(bench):
     bench.write()
-    digest = reader.log_digest
+    digest = parquet.log_digest
 
     def meanwhile(path):
         with path.open("ab") as other:
             other.write(b"more")
         return digest(path)
 
-    reader.log_digest = meanwhile
+    parquet.log_digest = meanwhile
     try:
         bench.refused("changed while it was read")
     finally:
-        reader.log_digest = digest
+        parquet.log_digest = digest
 
 
 @case("Files", "a channel name that is not UTF-8", "refuse", "message")
