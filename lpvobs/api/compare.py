@@ -78,8 +78,10 @@ def compare(
     ----------
     first, second : path
         Results for one kind of engine; the first is laid onto the axes of the second. With `vehicle`, a fleet alone.
-    vehicle, periods : str, two str
-        A vehicle of the fleet, and the two periods, such as `2025-01`, whose maps are compared.
+    vehicle : str
+        A vehicle of the fleet.
+    periods : two str
+        Those of its periods, such as `2025-01`, whose maps are compared.
     values : str
         `map`: nodes that both have estimated; `extrapolation`: every node.
     region : mapping of str to (float, float), optional

@@ -59,8 +59,10 @@ def export(
         `map` or `extrapolation`; by default the latter if there is one.
     only_estimated : bool
         No extrapolated node: the old value there, or nothing.
-    old, name : path, str
-        A DCM with the map as it was, whose axes, units and kind stay; the label of the map, in both.
+    old : path, optional
+        A DCM with the map as it was, whose axes, units and kind stay.
+    name : str
+        Label of the map, in both.
     kind : str
         `KENNFELD` or `GRUPPENKENNFELD`; by default the old map's, which may be FESTKENNFELD, else the former.
     digits : int

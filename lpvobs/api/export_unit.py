@@ -70,8 +70,10 @@ def export_unit(
 
     Parameters
     ----------
-    out, file_format : path, str
+    out : path
         The folder of the sources for `c99`, the FMU for `fmu`.
+    file_format : str
+        `c99` or `fmu`.
     result : path, optional
         Its map is where the observer starts, and its engine, with the corrections of components as tables, the one that the
         observer has; by default zero, and as configured.

@@ -50,8 +50,10 @@ def simulate(
         TOML file of what is wrong with engine and sensors, see `configs/effects`.
     engine : path, optional
         Made by `calibrate` from the same configuration: drives its constants. By default what `[engine] file` names.
-    rate, seed : float, int
-        Samples per second [Hz]; what noise and road are drawn with.
+    rate : float
+        Samples per second [Hz].
+    seed : int
+        What noise and road are drawn with.
     vehicle, date : str, optional
         Whose log it is and when it was driven, such as 2025-01-31, kept in the log for `track`.
 
