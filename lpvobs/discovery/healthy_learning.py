@@ -77,11 +77,12 @@ def learned_from(problem: Problem, logs: Sequence[str]) -> tuple[HealthyDrive, .
     for width in thresholds.BELL_WIDTHS:
         bare = _bare(problem, logs, width)
         features = np.stack([bare.features(view) for view in bare.inputs(problem)])
-        weights = (np.zeros(features.shape[2]),) * B
+        middle = features.mean(0)
+        weights = (np.zeros(middle.shape[1]),) * B
         for _ in range(thresholds.PASSES):
-            scale = _scales(left.mean(1) - np.array(weights) @ features.mean(0).T, problem)
-            rows = zip(problem.shown, left, scale, shares, strict=True)
-            shares, weights, unlikely = zip(*(_likeliest(problem, features, *row) for row in rows), strict=True)
+            scale = _scales(left.mean(1) - np.array(weights) @ middle.T, problem)
+            rows = zip(problem.shown, left.mean(1), scale, shares, strict=True)
+            shares, weights, unlikely = zip(*(_likeliest(problem, middle, *row) for row in rows), strict=True)
         found.append((sum(unlikely), bare, features, scale, shares))
     _, bare, features, scale, shares = min(found, key=lambda item: item[0])
 
@@ -133,22 +134,23 @@ def _pieces(problem: Problem, shown: NDArray[np.bool_]) -> NDArray[np.int64]:
 def _likeliest(
     problem: Problem, features: Array, shown: NDArray[np.bool_], left: Array, scale: Array, start: Array = _START
 ) -> tuple[Array, Array, float]:
-    """Return what means over `PIECE` say of a balance where it counts; `left` and `scale` have shapes (2, K) and (K,).
+    """Return what means over `PIECE` say of a balance where it counts; `features`, `left`, `scale` have K rows, one a place.
 
     That is the logarithms of the variances of largest likelihood, of the fast error, the function, and the slow ones; the weights
     of the function; and the negative logarithm of that likelihood.
     """
-    first, m = _pieces(problem, shown), features.shape[2]
+    first, m = _pieces(problem, shown), features.shape[1]
     if first.size < _LEAST_PIECES:
         return start, np.zeros(m), 0.0
     weight, usual = scale[shown] ** -2.0, float(np.median(scale[shown]))
     total = np.add.reduceat(weight, first)
 
-    def mean(values: Array) -> Array:
-        return np.asarray((np.add.reduceat((values[shown].T * weight).T, first, axis=0).T / total).T)
-
-    y, slow = mean(left.mean(0)), (logs_of(problem), minutes_of(problem))
-    means = usual * np.hstack([mean(columns) for columns in (features.mean(0), *slow)])
+    share = weight / np.repeat(total, np.diff(first, append=weight.size))
+    mean = scipy.sparse.csr_array(
+        (share, np.flatnonzero(shown), np.append(first, share.size)), (first.size, shown.size)
+    )
+    y, slow = mean @ left, (logs_of(problem), minutes_of(problem))
+    means = usual * np.hstack([mean @ columns for columns in (features, *slow)])
     of = np.repeat([0, 1, 2], [m, *(columns.shape[1] for columns in slow)])
     gram, seen, alone = means.T @ (total[:, None] * means), means.T @ (total * y), float(y @ (total * y))
 
@@ -178,7 +180,7 @@ def _likeliest(
 def _told(
     problem: Problem, features: Array, shown: NDArray[np.bool_], left: Array, scale: Array, shares: Array
 ) -> _Told:
-    """Return what the instants at which a balance counts tell of its function; arguments as of `_likeliest`.
+    """Return what the instants at which a balance counts tell of its function; `features`, `left` are of both views.
 
     `shares` are the logarithms of the variances that means over `PIECE` show.
     """
