@@ -96,9 +96,9 @@ def test_it_comes_back_from_a_file_as_it_was(healthy, tmp_path):
         assert np.array_equal(getattr(again, item.name), getattr(healthy, item.name)), item.name
 
 
-def of_balance(*given):
-    shares, _, _ = _likeliest(*given)
-    return _learned(_told(*given, shares), range(1))
+def of_balance(problem, features, shown, left, scale):
+    shares, _, _ = _likeliest(problem, features.mean(0), shown, left.mean(0), scale)
+    return _learned(_told(problem, features, shown, left, scale, shares), range(1))
 
 
 def test_the_function_is_told_from_errors_that_last_and_those_that_do_not(laid_out, clean):
