@@ -4,9 +4,10 @@ The result does not depend on how many processes or machines took part, nor on w
 with the logs that it had not finished, see `lpvobs.io.results.parts`.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import partial, reduce
+from operator import add
 from pathlib import Path
 from typing import Generic, TypeVar
 
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from lpvobs.api.doubts import Doubting, Doubts
 from lpvobs.api.files import Progress, refuse_copies, within
+from lpvobs.api.groups import by_group, differences, together
 from lpvobs.api.jobs import Workers
 from lpvobs.api.known_engine import KnownEngine
 from lpvobs.engines import base, channels
@@ -26,16 +28,18 @@ from lpvobs.io.results.results import LogSummary, summary_of
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import Metrics, compare_pieces
 from lpvobs.observer.balance_agreement import Watched, judged
-from lpvobs.observer.disagreement import Agreement, Difference, agreements, difference
-from lpvobs.observer.estimate import PASSES, MapEstimate, Point, merged
+from lpvobs.observer.disagreement import Agreement, agreements
+from lpvobs.observer.estimate import PASSES, MapEstimate, Point, merged, of_sums
 from lpvobs.observer.information import Solution
 from lpvobs.observer.log_run import Beginning
 from lpvobs.observer.parts import LogInformation, StateGain, inform
 from lpvobs.records import Array, Recording
 
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+
 OPENING, OPENING_SECONDS = 4, 1800.0
 """Logs, first by name, and [s] of each, that show where the engine is linearised: they are gone through more than once."""
-TOGETHER = 25  # logs whose differences from the map of all are found in one task
 OPENING_SHARE, PARTS_SHARE = 0.3, 0.6
 """Shares of the progress for these, and for the parts of all logs; the rest compares the map with references."""
 
@@ -87,32 +91,6 @@ class LogOutcome(Generic[Left]):
     stored: Left | None = None
     refusal: str | None = None
     whole: bool = True
-
-
-def in_order(
-    read: Callable[[str], StoredPart], found: Mapping[str, str]
-) -> Iterator[tuple[LogInformation, StoredPart]]:
-    """Yield the parts in the order of their digests, each under the name that its log has now, and all that was stored."""
-    for sha256 in sorted(found):
-        stored = read(sha256)
-        yield replace(stored.part, run=replace(stored.part.run, name=found[sha256])), stored
-
-
-def differences(
-    read: Callable[[str], StoredPart], common: Solution, prior: float, found: Mapping[str, str]
-) -> list[Difference]:
-    """Return how each of some logs differs from the map of all."""
-    return [difference(common, part, prior) for part, _ in in_order(read, found)]
-
-
-def apart(
-    workers: Workers, found: Mapping[str, str], differing: Callable[[Mapping[str, str]], list[Difference]]
-) -> list[Difference]:
-    """Return how each log differs from the map of all, in the order of their digests."""
-    logs = sorted(found.items())
-    groups = [dict(logs[i : i + TOGETHER]) for i in range(0, len(logs), TOGETHER)]
-    here = workers if workers.scheduler is None else Workers()  # other machines do not see the parts
-    return [each for _, group in sorted(here.finished(differing, groups)) for each in group]
 
 
 def begun(before: KnownEngine, gain: StateGain, workers: Workers) -> PartTask:
@@ -167,23 +145,21 @@ def estimate_fleet(
             raise DataError("; ".join(refusals))
         called = {sha256: names[path] for sha256, path in found.items()}
         doubting = Doubting(config, judged(air_path, task.point.settings, task.point.known))
-        kept: dict[str, tuple[NDArray[np.uint8], ...]] = {}
-
-        def looked_at() -> Iterator[LogInformation]:
-            for part, stored in in_order(read, called):
-                doubting.look(part.run.name, stored.balances)
-                kept[part.run.sha256] = stored.kept
-                yield part
-
-        no_others = found.keys() == {sha256 for sha256, stored in opened.items() if stored is not None}
-        estimate, solution = map_of(grid, looked_at(), task.point, merge if no_others else None)
+        every = reduce(add, by_group(workers, called, partial(together, read, grid, task.point)))
+        for run, balances in zip(every.runs, every.balances, strict=True):
+            doubting.look(run.name, balances)
+        if merge is None or found.keys() != {sha256 for sha256, stored in opened.items() if stored is not None}:
+            merge = of_sums(grid, every.total, every.runs, task.point)
+        estimate, solution = replace(merge[0], runs=every.runs), merge[1]  # under the names that logs have now
         refuse_empty(estimate)
         doubts = doubting.doubts(estimate)
         agreed: tuple[float, tuple[Agreement, ...]] = (float("nan"), ())
         if len(found) > 1:
-            agreed = agreements(apart(workers, called, partial(differences, read, solution, config.estimate.prior_map)))
+            differing = partial(differences, read, solution, config.estimate.prior_map)
+            agreed = agreements([each for group in by_group(workers, called, differing) for each in group])
         units = {axis.channel: air_path.channels[axis.channel].unit for axis in air_path.axes}
         judging = partial(compared, grid, estimate.theta, units)
+        kept = {run.sha256: rows for run, rows in zip(every.runs, every.kept, strict=True)}
         known = [(sha256, path, kept[sha256]) for sha256, path in found.items() if parquet.has_references(path)]
         judged_by = finished(workers, judging, known, within(progress, done, 0.1 * done + 0.9))
         metrics = {sha256: result for (sha256, *_), result in judged_by}
@@ -234,20 +210,6 @@ def linearised(
         opening = replace(opening, point=moved)
         found = {path: outcome for path, outcome in found.items() if outcome.stored is None}
     return replace(task, point=opening.point), {path: each for path, each in found.items() if each.whole}, merge
-
-
-def map_of(
-    grid: Grid, parts: Iterable[LogInformation], point: Point, known: tuple[MapEstimate, Solution] | None
-) -> tuple[MapEstimate, Solution]:
-    """Return the map from the parts of logs, which may be known but for the names of the logs."""
-    if known is None:
-        return merged(grid, parts, point)
-    estimate, solution = known
-    return replace(estimate, runs=tuple(part.run for part in parts)), solution
-
-
-Task = TypeVar("Task")
-Result = TypeVar("Result")
 
 
 def finished(

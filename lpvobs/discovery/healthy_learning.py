@@ -207,9 +207,9 @@ def _learned(told: _Told, logs: Sequence[int]) -> _LearnedBalance:
     if told.pieces[logs].sum() < _LEAST_PIECES:
         return _LearnedBalance(np.zeros(m), np.zeros((m, m)), 0.0, 1.0, np.zeros(2))
     size, *slow = told.sizes
-    precision = told.precision[logs].sum(0) + np.eye(m)
-    weights = size * np.linalg.solve(precision, told.gradient[logs].sum(0))
-    unsure = size * np.linalg.cholesky(np.linalg.inv(precision))
+    factor = scipy.linalg.cholesky(told.precision[logs].sum(0) + np.eye(m), lower=True)
+    weights = size * scipy.linalg.cho_solve((factor, True), told.gradient[logs].sum(0))
+    unsure = size * scipy.linalg.solve_triangular(factor, np.eye(m), lower=True).T  # its square is the inverse
     return _LearnedBalance(weights, unsure, float(size), told.lasting, np.array(slow))
 
 

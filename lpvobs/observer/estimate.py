@@ -26,7 +26,7 @@ from lpvobs.observer.log_run import LogRun
 from lpvobs.observer.parts import LogInformation, StateGain, added_up, inform
 from lpvobs.observer.settings import EstimateSettings
 from lpvobs.observer.smoothing import smooth
-from lpvobs.observer.windows import Columns
+from lpvobs.observer.windows import Columns, Moments
 from lpvobs.records import Array, Item, Log, Recording
 
 PASSES = 8
@@ -81,6 +81,10 @@ class Point:
         """The engine's unknowns, seen from there."""
         known = self.known or unknowns_of(self.settings.tolerance, self.configured.components)
         return known.seen_from(self.deviation)
+
+    def columns(self, grid: Grid) -> Columns:
+        """Return what there is to solve for."""
+        return Columns(grid.size, self.unknowns.size, len(self.configured.balance_names))
 
     def moved(self, found: EngineFound | None) -> "Point":
         """Return the point that an estimate has found, or this one where its linearisation holds."""
@@ -160,9 +164,12 @@ def merged(grid: Grid, parts: Iterable[LogInformation], point: Point) -> tuple[M
     """Return the map from the parts of logs, and the solution behind it."""
     # The parts are looked at once, one after the other; the bits of a sum depend on their order, so give them in the order
     # of the logs' digests.
-    unknowns, settings = point.unknowns, point.settings
-    layout = Columns(grid.size, unknowns.size, len(point.configured.balance_names))
-    total, runs = added_up(grid, layout, parts)
+    return of_sums(grid, *added_up(grid, point.columns(grid), parts), point)
+
+
+def of_sums(grid: Grid, total: Moments, runs: Sequence[LogRun], point: Point) -> tuple[MapEstimate, Solution]:
+    """Return the map from the sums of logs, and the solution behind it."""
+    unknowns, settings, layout = point.unknowns, point.settings, point.columns(grid)
     prior = prior_of(grid, settings.prior_map, unknowns)
     solution, engine = solve(layout, total, prior), layout.engine
     if settings.constants == "consider":

@@ -73,6 +73,10 @@ class Moments:
     windows: Array  # (B,) their number where each balance says something
     gram: Array  # (cells, 4, 4) [s], integral of Psi_l^T Psi_l over the stay in each cell, for its excitation
 
+    def __add__(self, other: "Moments") -> "Moments":
+        """Return the sums of the windows of both."""
+        return Moments(**{name: value + getattr(other, name) for name, value in vars(self).items()})
+
 
 def no_moments(grid: Grid, layout: Columns) -> Moments:
     """Return the sums of no window."""
