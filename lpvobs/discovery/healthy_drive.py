@@ -19,7 +19,7 @@ import numpy as np
 import scipy
 
 from lpvobs.discovery import thresholds
-from lpvobs.discovery.imbalances import operating_nodes, rests_on, scenes_with
+from lpvobs.discovery.imbalances import by_unknowns, imbalances_at, operating_nodes, rests_on, scenes_with
 from lpvobs.discovery.patterns import Patterns, Seeming
 from lpvobs.discovery.residual import MapPrior, Problem
 from lpvobs.engines.residual_model import ResidualModel
@@ -110,26 +110,53 @@ class HealthyDrive:
         lasting = np.maximum(self.lasting / problem.spacing, 1.0)
         return self.weights @ features.T, lasting[:, None] * (1.0 + unsure)
 
-    def taken_off(self, problem: Problem) -> Problem:
-        """Return the problem that asks for what has changed, for any width of the windows."""
+    def taken_off(self, problem: Problem, like: Problem | None = None) -> Problem:
+        """Return the problem that asks for what has changed, for any width of the windows.
+
+        `like` is one whose unknowns of the engine it shares.
+        """
         problem = where_the_map_stands(problem)
-        features = self.along(problem)
+        features, q = self.along(problem), len(problem.model.names)
         expected, wider = self.expected(problem, features)
         patterns = Patterns(tuple(self._slow(problem, features, b, wider[b]) for b in range(len(self.balances))))
+        model, prior = self._told_of(problem, wider) if like is None else (like.model, like.prior)
         found = replace(
             problem,
+            model=model,
+            prior=prior,
             offset=problem.offset - expected,
             lasting=problem.lasting * wider,
             patterns=patterns,
             seeming=self._seeming(problem),
             follows=self._follows(problem),
-            covariance=scipy.linalg.block_diag(problem.covariance, np.eye(len(patterns))),
+            covariance=scipy.linalg.block_diag(model.covariance, problem.covariance[q:, q:], np.eye(len(patterns))),
         )
 
         def wide() -> Problem:
-            return replace(self.taken_off(problem.wider()), patterns=patterns, covariance=found.covariance)
+            return replace(self.taken_off(problem.wider(), found), patterns=patterns, covariance=found.covariance)
 
         return replace(found, wider=wide)
+
+    def _told_of(self, problem: Problem, wider: Array) -> tuple[ResidualModel, MapPrior]:
+        """Return engine and map with those combinations of the engine's unknowns that data tell of, of unit variance.
+
+        Where a drive goes that the healthy ones did not, they are what is not known of the engine.
+        """
+        model, prior = problem.model, problem.prior
+        q, none = len(model.names), np.zeros(problem.spread.size)
+        scenes = scenes_with(problem, (), none)
+        nodes = operating_nodes(problem, scenes)
+        answers = by_unknowns(problem, scenes, (), none, imbalances_at(problem, scenes, none))[:q, 0]
+        by_map = np.einsum("km,kmq->qk", nodes[1], prior.sensitivity[nodes[0]])
+        noise = self.scale[:, None] * np.sqrt(wider)
+        rows = ((answers - problem.by_reading * by_map[:, None]) * problem.shown / noise).reshape(q, -1)
+        root, at = np.linalg.cholesky(problem.covariance[:q, :q]), model.with_unknowns
+        strength, modes = np.linalg.eigh(root.T @ rows @ rows.T @ root)
+        told = root @ modes[:, strength > thresholds.TOLD]
+        names = tuple(f"mode {i}" for i in range(told.shape[1]))
+        known = replace(model, names=names, adding=0, by_unknowns=None, covariance=np.eye(len(names)))
+        known = replace(known, with_unknowns=lambda sizes: at(told @ sizes))
+        return known, replace(prior, sensitivity=prior.sensitivity @ told)
 
     def _follows(self, problem: Problem) -> Mapping[str, tuple[Array, Array]]:
         """Return the derivatives of what a healthy engine leaves by value and rate of each channel but the sensor, (B, K)."""
@@ -162,22 +189,11 @@ class HealthyDrive:
         strength, modes = np.linalg.eigh(every.T @ (every / (self.scale[b] ** 2 * wider)[:, None]))
         return np.ascontiguousarray((every @ modes[:, strength > thresholds.TOLD]).T)
 
-    def unchanged(self, model: ResidualModel) -> ResidualModel:
-        """Return the engine as it was on the healthy drives: nothing of it is unknown."""
-        constants = model.with_unknowns(np.zeros(len(model.names)))
-        none = np.zeros((0, 0))
-        return replace(model, names=(), adding=0, covariance=none, with_unknowns=lambda _: constants, by_unknowns=None)
-
 
 def where_the_map_stands(problem: Problem) -> Problem:
     """Return the problem without the places whose map was not estimated: what is left there has the sensor's own error in it."""
     nodes = operating_nodes(problem, scenes_with(problem, (), np.zeros(problem.spread.size)))
     return replace(problem, shown=problem.shown & rests_on(problem.prior.estimated, nodes))
-
-
-def unmoved(prior: MapPrior) -> MapPrior:
-    """Return a map that stands beside an engine of which nothing is unknown."""
-    return replace(prior, sensitivity=prior.sensitivity[:, :0])
 
 
 def _bells(x: Array, centres: Array, width: float) -> Array:

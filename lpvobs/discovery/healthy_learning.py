@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from lpvobs.discovery import thresholds
 from lpvobs.discovery.evidence import elsewhere_of, first_order
 from lpvobs.discovery.fit import fit
-from lpvobs.discovery.healthy_drive import HealthyDrive, logs_of, memory, minutes_of, unmoved, where_the_map_stands
+from lpvobs.discovery.healthy_drive import HealthyDrive, logs_of, memory, minutes_of, where_the_map_stands
 from lpvobs.discovery.imbalances import imbalances_at, map_along, operating_nodes, scenes_with
 from lpvobs.discovery.residual import MapPrior, Problem, lay_out
 from lpvobs.engines.effects import SENSOR
@@ -28,13 +28,17 @@ from lpvobs.records import Array, Log
 
 
 def learned(model: ResidualModel, grid: Grid, prior: MapPrior, logs: Sequence[Log]) -> HealthyDrive:
-    """Return what healthy drives show; each of several tells what it seems to have of every effect, seen from the others."""
+    """Return what healthy drives show; each tells what it seems to have of every effect, seen from the others.
+
+    A single drive is two for that, its halves: seen from itself, it would seem to have nothing.
+    """
+    logs = halves(logs[0]) if len(logs) == 1 else logs
     found, *without = learned_from(lay_out(model, grid, prior, logs), [log.name for log in logs])
     # of every drive, as the others see it: gradient and information of each effect, whole and late
     seen_by: list[dict[str, list[tuple[float, float]]]] = []
     data, uneven = [], [1.0]
-    for log, seen in zip(logs, without or [found], strict=True):
-        laid = seen.taken_off(lay_out(seen.unchanged(model), grid, unmoved(prior), [log], spacing=seen.spacing))
+    for log, seen in zip(logs, without, strict=True):
+        laid = seen.taken_off(lay_out(model, grid, prior, [log], spacing=seen.spacing))
         linear, middle = fit(laid, passes=2), 0.5 * float(laid.clock[0] + laid.clock[-1])
         spans = (-np.inf, np.inf), (middle, np.inf)
         seen_by.append({effect.id: first_order(linear, effect, *spans) for effect in laid.catalogue})
@@ -46,6 +50,24 @@ def learned(model: ResidualModel, grid: Grid, prior: MapPrior, logs: Sequence[Lo
     beyond = np.maximum(beyond, beyond_late) / float(np.mean(data))
     common = float(beyond.mean())
     return replace(found, effects=effects, whole=whole, late=late, beyond=beyond, common=common, uneven=max(uneven))
+
+
+def halves(log: Log) -> list[Log]:
+    """Return a log as two, each with half of the samples."""
+    N = len(log)
+
+    def part(on: slice) -> Log:
+        segments = [(max(a, on.start) - on.start, min(b, on.stop) - on.start) for a, b in log.segments]
+        return replace(
+            log,
+            time=log.time[on],
+            channels={name: values[on] for name, values in log.channels.items()},
+            auxiliary={name: values[on] for name, values in log.auxiliary.items()},
+            segments=tuple((a, b) for a, b in segments if b > a),
+            rows=log.rows[on],
+        )
+
+    return [part(slice(0, N // 2)), part(slice(N // 2, N))]
 
 
 def beyond_noise(gradient: Array, information: Array) -> tuple[Array, Array]:
@@ -93,13 +115,14 @@ def learned_from(problem: Problem, logs: Sequence[str]) -> tuple[HealthyDrive, .
         own = _LearnedBalance(*map(np.array, zip(*(_learned(each, numbers) for each in told), strict=True)))
         rest = _scales(left.mean(1) - own.weights @ features.mean(0).T, problem)
         return replace(
-            bare, logs=tuple(logs[i] for i in numbers), weights=own.weights, amplitude=own.amplitude, unsure=own.unsure,
+            bare, logs=tuple(dict.fromkeys(logs[i] for i in numbers)),
+            weights=own.weights, amplitude=own.amplitude, unsure=own.unsure,
             scale=np.array([np.median(row[on]) if on.any() else 1.0 for row, on in zip(rest, shown, strict=True)]),
             slow=own.slow, lasting=problem.spacing * own.lasting,
         )  # fmt: skip
 
     everyone = range(len(logs))
-    return of(everyone), *(of([i for i in everyone if i != own]) for own in everyone if len(logs) > 1)
+    return of(everyone), *(of([i for i in everyone if i != own]) for own in everyone)
 
 
 class _Told(NamedTuple):

@@ -16,7 +16,7 @@ from lpvobs.discovery.courses import Curve, FactorSurface
 from lpvobs.discovery.evidence import in_place, loss_of
 from lpvobs.discovery.fit import fit, refit, standard_errors
 from lpvobs.discovery.forms import in_words, rms
-from lpvobs.discovery.healthy_drive import HealthyDrive, unmoved
+from lpvobs.discovery.healthy_drive import HealthyDrive
 from lpvobs.discovery.held_out import HOW, HOW_WHOLE, Losses, losses_on_unseen, pooled_losses
 from lpvobs.discovery.imbalances import residual_of, scenes_with
 from lpvobs.discovery.joint_choice import Accepted
@@ -68,13 +68,11 @@ def refine(
     short, or lacks a channel that an effect of the model follows.
     """
     widths = dict(zip(model.names, model.spread.tolist(), strict=True))
-    if healthy is not None:
-        model, prior = healthy.unchanged(model), unmoved(prior)
 
-    def lay(these: Sequence[Log]) -> Problem:
+    def lay(these: Sequence[Log], like: Problem | None = None) -> Problem:
         if healthy is None:
             return lay_out(model, grid, prior, these)
-        return healthy.taken_off(lay_out(model, grid, prior, these, spacing=healthy.spacing))
+        return healthy.taken_off(lay_out(model, grid, prior, these, spacing=healthy.spacing), like)
 
     problem = lay(logs)
     terms = tuple(term_on(known_effect, problem, logs) for known_effect in known)
@@ -92,7 +90,7 @@ def refine(
     findings = tuple(finding_of(logs, item) for item in accepted)
     judged = []
     for log in hold_out:
-        unseen = lay([log])
+        unseen = lay([log], problem)
         acting = [[term_on(item, unseen, [log]) for item in effects] for effects in (kept, kept + found)]
         judged.append(losses_on_unseen((before, after), acting, unseen))
     named, unexplained = list(zip(findings, found, strict=True)), selection.verdict == "unexplained"
@@ -123,8 +121,8 @@ def refine(
     deviation = np.sqrt(np.maximum(np.diag(after.covariance)[after.p :], 0.0))
     return Refinement(
         trace=result,
-        beta=dict.fromkeys(widths, 0.0) | dict(zip(model.names, after.beta.tolist(), strict=False)),
-        beta_deviation=widths | dict(zip(model.names, deviation.tolist(), strict=False)),
+        beta=dict.fromkeys(widths, 0.0) | dict(zip(problem.model.names, after.beta.tolist(), strict=False)),
+        beta_deviation=widths | dict(zip(problem.model.names, deviation.tolist(), strict=False)),
         known_effects=kept + found,
         before=before,
         after=after,

@@ -4,7 +4,7 @@ A correction is a factor or a flow over the component's own inputs: a sum of hat
 whose values at the nodes are correlated over a length of each axis (Matern 3/2). One without axes is a single number.
 """
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Annotated, Any
@@ -19,11 +19,6 @@ from lpvobs.records import Array, Item
 
 NEGLIGIBLE = 1e-3
 """Standard deviation below which a mode of the corrections is left out: it moves no flow by more than a thousandth."""
-
-VOLUME = 0.01
-"""Tolerance of a manifold's volume in the closed loop, at most. Against a map that stands, the loop begins at the volume that its
-estimate found, else at the configured one. A wider tolerance takes up what a small leak or a pressure sensor that is a little off
-does in transients."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,19 +232,15 @@ class LoopUnknowns:
     modes: Array  # (v, m)
 
 
-def loop_unknowns(
-    tolerance: Mapping[str, float], known: Unknowns | None, volumes: Collection[str] = ()
-) -> LoopUnknowns:
+def loop_unknowns(tolerance: Mapping[str, float], known: Unknowns | None) -> LoopUnknowns:
     """Return constants within a tolerance, as if uniform, or as a calibration knows them, with the corrections of components."""
     known = known or Unknowns((), (), np.zeros(0), np.zeros((0, 0)))
     n = len(known.constants)
     others = {name: share for name, share in tolerance.items() if name not in known.constants}
     seen = np.concatenate([1.0 + known.mean[:n], np.ones(known.reduction.shape[1] - n)])
     own = known.reduced(known.covariance) / np.outer(seen, seen)
-    names, covariance = (*others, *known.coordinates), scipy.linalg.block_diag(_uniform(others), own)
-    most = [VOLUME / np.sqrt(3.0) if name in volumes else np.inf for name in names]
-    share = np.minimum(1.0, most / np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny)))
-    return LoopUnknowns(names, covariance * np.outer(share, share), known.mean[n:], known.reduction[n:, n:])
+    covariance = scipy.linalg.block_diag(_uniform(others), own)
+    return LoopUnknowns((*others, *known.coordinates), covariance, known.mean[n:], known.reduction[n:, n:])
 
 
 def _uniform(tolerance: Mapping[str, float]) -> Array:

@@ -15,7 +15,7 @@ from lpvobs.engines.components.intake import EGR, PRESSURE, AsFound, found_aroun
 from lpvobs.engines.curves import Nodes
 from lpvobs.engines.diesel import relations as relation
 from lpvobs.engines.diesel.constants import DieselConstants, DieselEngine, constants_of
-from lpvobs.engines.diesel.corrections import COMPONENTS, FOLLOWERS, RATIO, VOLUMES, corrections
+from lpvobs.engines.diesel.corrections import COMPONENTS, FOLLOWERS, RATIO, corrections
 from lpvobs.engines.effects import BOOST, STEADY, Effect, Signals, gain, lacking, reading
 from lpvobs.engines.residual_model import ComponentCurve, DayToDay, ResidualModel, levels_of
 from lpvobs.engines.unknowns import Correction, Unknowns, loop_unknowns, places_of
@@ -249,7 +249,7 @@ def diesel_model(
     """Return the diesel as the loop sees it, around its configured constants; no log teaches any of it."""
     # They are known within a tolerance, as if uniformly distributed; or, with the corrections of the components, as a
     # calibration knows them, relative to where it found them.
-    constants, point = constants_of(engine), loop_unknowns(tolerance, known, VOLUMES)
+    constants, point = constants_of(engine), loop_unknowns(tolerance, known)
     return ResidualModel(
         balances=BALANCES,
         unit="kg/s",

@@ -90,7 +90,7 @@ def residual_model(
     config: Any, path: Any, _: HealthyErrors | None, __: Collection[str], known: Unknowns | None
 ) -> ResidualModel:
     """Return the engine of a configuration as the loop sees it, with what a calibration knows; no log teaches any of it."""
-    constants, point = path.constants, loop_unknowns(config.estimate.tolerance, known, path.volumes)
+    constants, point = path.constants, loop_unknowns(config.estimate.tolerance, known)
     found = AsFound(constants, point.values)
     return ResidualModel(
         balances=flows.BALANCES,
