@@ -10,13 +10,30 @@ import scipy
 from lpvobs.discovery import evidence
 from lpvobs.discovery.evidence import fit_candidate
 from lpvobs.discovery.fit import fit
-from lpvobs.discovery.healthy_drive import unmoved
-from lpvobs.discovery.healthy_learning import _learned, _likeliest, _scales, _told, beyond_noise, learned, learned_from
-from lpvobs.discovery.imbalances import curvature_bias, imbalances_at, moved, operating_nodes, residual_of, scenes_with
+from lpvobs.discovery.healthy_learning import (
+    _learned,
+    _likeliest,
+    _scales,
+    _told,
+    beyond_noise,
+    halves,
+    learned,
+    learned_from,
+)
+from lpvobs.discovery.imbalances import (
+    by_unknowns,
+    curvature_bias,
+    imbalances_at,
+    map_along,
+    moved,
+    operating_nodes,
+    residual_of,
+    scenes_with,
+)
 from lpvobs.discovery.refine import refine
 from lpvobs.discovery.residual import MapPrior, Term, lay_out
 from lpvobs.discovery.select import _beside_itself
-from lpvobs.discovery.thresholds import SHAPE
+from lpvobs.discovery.thresholds import SHAPE, TOLD
 from lpvobs.io.results.mapping import read, write
 
 
@@ -140,7 +157,7 @@ def test_what_a_fault_explains_is_no_noise_beside_it(healthy, plant, config, pri
     gain, gains = plant.effect("maf.gain"), []
     for factor in (1.0, np.where(clean.time > 150.0, 1.1, 1.0)):
         logs = [other(2, factor)]
-        linear = fit(healthy.taken_off(lay_out(healthy.unchanged(plant), config.grid(), unmoved(prior), logs)))
+        linear = fit(healthy.taken_off(lay_out(plant, config.grid(), prior, logs)))
         candidate = fit_candidate(linear, gain, 150.0)
         gains.append((_beside_itself(linear, candidate).gain, candidate.gain))
     (quiet, quiet_before), (faulty, faulty_before) = gains
@@ -170,7 +187,7 @@ def test_what_a_healthy_engine_seems_to_have_is_no_fault(healthy, plant, config,
     none, any_ = np.zeros(len(sizes)), np.full(len(sizes), np.inf)
     seeming = replace(healthy, effects=tuple(sizes), whole=np.array(list(sizes.values())), late=none, beyond=any_)
     problems = [
-        each.taken_off(lay_out(each.unchanged(plant), config.grid(), unmoved(prior), [step]))
+        each.taken_off(lay_out(plant, config.grid(), prior, [step]))
         for each in (healthy, seeming)
     ]
     effect = plant.effect("maf.gain")
@@ -205,13 +222,57 @@ def test_what_changes_along_healthy_drives_is_no_step(plant, config, prior, clea
     assert found[0].late[gain] == pytest.approx(0.02, rel=0.05)  # what the function takes up is the rest
     effect, steps = plant.effect("maf.gain"), []
     for each in found:
-        problem = each.taken_off(lay_out(each.unchanged(plant), grid, unmoved(prior), [drive("c", 0.04)]))
+        problem = each.taken_off(lay_out(plant, grid, prior, [drive("c", 0.04)]))
         steps.append(fit_candidate(fit(problem), effect, float(clean.time.mean())))
         assert problem.seems(steps[-1].term, 1.0) == pytest.approx(
             each.late[gain] ** 2, rel=0.01
         )  # about half the places
         assert problem.seems(replace(steps[-1].term, begin=-np.inf), 1.0) == each.whole[gain] ** 2
     assert steps[0].told < steps[1].told
+
+
+def test_a_single_healthy_drive_is_two(plant, config, prior, clean):
+    """Judged by itself it seemed to have nothing, and of a clean drive after it every fourth was called faulty."""
+    share = np.where(clean.time > clean.time.mean(), 1.01, 0.99)
+    drive = replace(clean, channels={**clean.channels, "W_maf": share * clean["W_maf"]})
+    first, second = halves(replace(drive, segments=((0, 100), (100, len(drive)))))
+    assert first.segments == ((0, 100), (100, len(first)))
+    assert second.segments == ((0, len(second)),)
+    np.testing.assert_array_equal(np.concatenate([first["W_maf"], second["W_maf"]]), drive["W_maf"])
+    np.testing.assert_array_equal(np.concatenate([first.rows, second.rows]), drive.rows)
+    found = learned(plant, config.grid(), prior, [drive])
+    assert found.logs == (drive.name,)
+    assert found.whole[found.effects.index("maf.gain")] == pytest.approx(0.02, rel=0.2)  # each half from the other
+
+
+def test_what_is_not_known_of_the_engine_stays_so_as_far_as_a_drive_tells(healthy, plant, config, prior, other):
+    """Every mode of the engine's unknowns that is stronger than noise is there, the map's part in it included."""
+    rng = np.random.default_rng(8)
+    moving = replace(prior, sensitivity=0.02 * rng.standard_normal(prior.sensitivity.shape))
+    laid = lay_out(plant, config.grid(), moving, [other(2)])
+    problem = healthy.taken_off(laid)
+    noise = healthy.scale[:, None] * np.sqrt(problem.lasting / laid.lasting)
+
+    def answers(of):
+        none = np.zeros(of.spread.size)
+        scenes = scenes_with(of, (), none)
+        nodes = operating_nodes(of, scenes)
+        found = by_unknowns(of, scenes, (), none, imbalances_at(of, scenes, none))[: len(of.model.names), 0]
+        moves = np.stack([map_along(column, nodes) for column in of.prior.sensitivity.T])
+        return ((found - of.by_reading * moves[:, None]) * problem.shown / noise).reshape(len(found), -1)
+
+    scaled = np.sqrt(np.diag(plant.covariance))[:, None] * answers(laid)
+    strength = np.linalg.eigvalsh(scaled @ scaled.T)
+    found = np.sort((answers(problem) ** 2).sum(1))
+    assert 0 < found.size < len(plant.names)
+    np.testing.assert_allclose(found, strength[strength > TOLD], rtol=0.02)  # other quotients than those of the engine's own
+
+
+def test_another_drive_shares_the_unknowns_of_the_engine(healthy, plant, config, prior, other):
+    problem, unseen = (lay_out(plant, config.grid(), prior, [other(seed)]) for seed in (2, 3))
+    known = healthy.taken_off(problem)
+    assert healthy.taken_off(unseen, known).model is known.model
+    assert known.wider().model is known.model
 
 
 def test_noise_of_a_size_is_no_variation_of_the_engine():
@@ -237,7 +298,7 @@ def test_what_lasts_shorter_than_half_a_drive_varies_more(healthy, plant, config
     seeming = replace(
         healthy, effects=("maf.gain",), whole=np.array([0.01]), late=np.array([0.02]), beyond=np.array([0.1])
     )
-    problem = seeming.taken_off(lay_out(seeming.unchanged(plant), config.grid(), unmoved(prior), [other(2, 1.0)]))
+    problem = seeming.taken_off(lay_out(plant, config.grid(), prior, [other(2, 1.0)]))
     gain, (begin, end) = plant.effect("maf.gain"), problem.clock[[0, -1]]
     assert problem.seems(Term(gain, 1.0), 1e4) == pytest.approx(1.0)
     assert problem.seems(Term(gain, 1.0, 0.4 * begin + 0.6 * end - 0.3 * (end - begin)), 1e4) == pytest.approx(4.0)
@@ -247,7 +308,7 @@ def test_what_lasts_shorter_than_half_a_drive_varies_more(healthy, plant, config
     )  # a fifth of half a drive; places are no continuum
     curve = next(c for c in plant.curves if c.carrier.id == "eta_vol.factor")
     known = replace(seeming, effects=("eta_vol.factor",))
-    judged = known.taken_off(lay_out(known.unchanged(plant), config.grid(), unmoved(prior), [other(2, 1.0)]))
+    judged = known.taken_off(lay_out(plant, config.grid(), prior, [other(2, 1.0)]))
     assert judged.seems(Term(curve.carrier, 1.0), 1e4) == pytest.approx(1.0)
     term = Term(
         replace(curve.carrier, id=curve.id), 0.1
@@ -260,7 +321,7 @@ def test_a_drive_that_tells_much_of_an_effect_is_thrown_off_less(healthy, plant,
     seeming = replace(
         healthy, effects=("maf.gain",), whole=np.array([0.01]), late=np.array([0.02]), beyond=np.array([0.001])
     )
-    problem = seeming.taken_off(lay_out(seeming.unchanged(plant), config.grid(), unmoved(prior), [other(2, 1.0)]))
+    problem = seeming.taken_off(lay_out(plant, config.grid(), prior, [other(2, 1.0)]))
     term, most = Term(plant.effect("maf.gain"), 1.0), 0.001 * problem.data
     assert problem.seems(term, 1e3 * most) == pytest.approx(0.1 * most)
     assert problem.seems(term, 1e6 * most) == pytest.approx(most)
@@ -277,7 +338,7 @@ def test_a_formula_varies_as_the_effects_in_its_place(healthy, plant, config, pr
         beyond=np.array([0.001, 0.003, 0.03]),
         common=0.0113,
     )
-    problem = seeming.taken_off(lay_out(seeming.unchanged(plant), config.grid(), unmoved(prior), [other(2, 1.0)]))
+    problem = seeming.taken_off(lay_out(plant, config.grid(), prior, [other(2, 1.0)]))
     gain = plant.effect("maf.gain")
 
     def variance(place: str) -> float:
@@ -331,7 +392,7 @@ def test_an_effect_whose_derivative_is_noise_halfway_is_found_at_its_size(
     """Near the stall of a compressor the search once ended at 0.8 % of an intake pressure that read 2 % too high."""
     drive = other(2)
     log = replace(drive, channels={**drive.channels, "p_im": 1.02 * drive["p_im"]})
-    problem = lay_out(healthy.unchanged(plant), config.grid(), unmoved(prior), [log])
+    problem = lay_out(plant, config.grid(), prior, [log])
     linear, effect, calls = fit(healthy.taken_off(problem)), plant.effect("p_im.gain"), []
 
     noise = []
