@@ -21,7 +21,7 @@ import scipy
 from lpvobs.discovery import thresholds
 from lpvobs.discovery.imbalances import by_unknowns, imbalances_at, operating_nodes, rests_on, scenes_with
 from lpvobs.discovery.patterns import Patterns, Seeming
-from lpvobs.discovery.residual import MapPrior, Problem
+from lpvobs.discovery.residual import Problem
 from lpvobs.engines.residual_model import ResidualModel
 from lpvobs.records import Array, Item
 
@@ -110,53 +110,50 @@ class HealthyDrive:
         lasting = np.maximum(self.lasting / problem.spacing, 1.0)
         return self.weights @ features.T, lasting[:, None] * (1.0 + unsure)
 
-    def taken_off(self, problem: Problem, like: Problem | None = None) -> Problem:
+    def taken_off(self, problem: Problem, modes: Array | None = None) -> Problem:
         """Return the problem that asks for what has changed, for any width of the windows.
 
-        `like` is one whose unknowns of the engine it shares.
+        `modes` are the `Problem.modes` of another problem whose unknowns it shares.
         """
         problem = where_the_map_stands(problem)
-        features, q = self.along(problem), len(problem.model.names)
-        expected, wider = self.expected(problem, features)
-        patterns = Patterns(tuple(self._slow(problem, features, b, wider[b]) for b in range(len(self.balances))))
-        model, prior = self._told_of(problem, wider) if like is None else (like.model, like.prior)
-        found = replace(
+        features = self.along(problem)
+        _, wider = self.expected(problem, features)
+        alone = constants_alone(problem)
+        answers = _answers(alone)
+        modes = self._told(alone, answers[:, 0], wider) if modes is None else modes
+        slow = (self._slow(problem, features, b, wider[b]) for b in range(len(self.balances)))
+        return self._asked(problem, modes, _in_modes(alone.model, modes, answers), Patterns(tuple(slow)))
+
+    def _asked(self, problem: Problem, modes: Array, model: ResidualModel, patterns: Patterns) -> Problem:
+        """Return the problem beside what a healthy engine leaves, with these unknowns of engine and errors."""
+        (expected, wider), q = self.expected(problem, self.along(problem)), len(problem.model.names)
+        sensitivity = problem.prior.sensitivity[:, : len(modes)] @ modes
+        return replace(
             problem,
             model=model,
-            prior=prior,
+            modes=modes,
+            prior=replace(problem.prior, sensitivity=sensitivity),
             offset=problem.offset - expected,
             lasting=problem.lasting * wider,
             patterns=patterns,
             seeming=self._seeming(problem),
             follows=self._follows(problem),
             covariance=scipy.linalg.block_diag(model.covariance, problem.covariance[q:, q:], np.eye(len(patterns))),
+            wider=lambda: self._asked(where_the_map_stands(problem.wider()), modes, model, patterns),
         )
 
-        def wide() -> Problem:
-            return replace(self.taken_off(problem.wider(), found), patterns=patterns, covariance=found.covariance)
+    def _told(self, problem: Problem, answers: Array, wider: Array) -> Array:
+        """Return which combinations of the engine's n constants, of unit variance, a drive tells of, shape (n, m).
 
-        return replace(found, wider=wide)
-
-    def _told_of(self, problem: Problem, wider: Array) -> tuple[ResidualModel, MapPrior]:
-        """Return engine and map with those combinations of the engine's unknowns that data tell of, of unit variance.
-
-        Where a drive goes that the healthy ones did not, they are what is not known of the engine.
+        Where a drive goes that the healthy ones did not, they are what is not known of the engine. The map moves with them.
         """
-        model, prior = problem.model, problem.prior
-        q, none = len(model.names), np.zeros(problem.spread.size)
-        scenes = scenes_with(problem, (), none)
-        nodes = operating_nodes(problem, scenes)
-        answers = by_unknowns(problem, scenes, (), none, imbalances_at(problem, scenes, none))[:q, 0]
-        by_map = np.einsum("km,kmq->qk", nodes[1], prior.sensitivity[nodes[0]])
+        n, nodes = len(answers), operating_nodes(problem, scenes_with(problem, (), np.zeros(problem.spread.size)))
+        by_map = np.einsum("km,kmq->qk", nodes[1], problem.prior.sensitivity[nodes[0]])
         noise = self.scale[:, None] * np.sqrt(wider)
-        rows = ((answers - problem.by_reading * by_map[:, None]) * problem.shown / noise).reshape(q, -1)
-        root, at = np.linalg.cholesky(problem.covariance[:q, :q]), model.with_unknowns
+        rows = ((answers - problem.by_reading * by_map[:, None]) * problem.shown / noise).reshape(n, -1)
+        root = np.linalg.cholesky(problem.model.covariance)
         strength, modes = np.linalg.eigh(root.T @ rows @ rows.T @ root)
-        told = root @ modes[:, strength > thresholds.TOLD]
-        names = tuple(f"mode {i}" for i in range(told.shape[1]))
-        known = replace(model, names=names, adding=0, by_unknowns=None, covariance=np.eye(len(names)))
-        known = replace(known, with_unknowns=lambda sizes: at(told @ sizes))
-        return known, replace(prior, sensitivity=prior.sensitivity @ told)
+        return np.asarray(root @ modes[:, strength > thresholds.TOLD])
 
     def _follows(self, problem: Problem) -> Mapping[str, tuple[Array, Array]]:
         """Return the derivatives of what a healthy engine leaves by value and rate of each channel but the sensor, (B, K)."""
@@ -188,6 +185,48 @@ class HealthyDrive:
         every = every * problem.shown[b][:, None]
         strength, modes = np.linalg.eigh(every.T @ (every / (self.scale[b] ** 2 * wider)[:, None]))
         return np.ascontiguousarray((every @ modes[:, strength > thresholds.TOLD]).T)
+
+
+def constants_alone(problem: Problem) -> Problem:
+    """Return the problem with the corrections of a calibrated engine as they are: functions of the channels, as the bells are."""
+    model, q = problem.model, len(problem.model.names)
+    n, at = q - model.adding, model.with_unknowns
+    precision = np.linalg.inv(problem.covariance[:q, :q])
+    known = replace(
+        model,
+        names=model.names[:n],
+        adding=0,
+        covariance=np.linalg.inv(precision[:n, :n]),
+        with_unknowns=lambda sizes: at(np.concatenate([sizes, np.zeros(q - n)])),
+        by_unknowns=None,
+    )
+    return replace(
+        problem,
+        model=known,
+        prior=replace(problem.prior, sensitivity=problem.prior.sensitivity[:, :n]),
+        covariance=scipy.linalg.block_diag(known.covariance, problem.covariance[q:, q:]),
+    )
+
+
+def _answers(problem: Problem) -> Array:
+    """Return how the residual answers to each of the engine's unknowns, shape (q, 2, B, K)."""
+    none = np.zeros(problem.spread.size)
+    scenes = scenes_with(problem, (), none)
+    return by_unknowns(problem, scenes, (), none, imbalances_at(problem, scenes, none))[: len(problem.model.names)]
+
+
+def _in_modes(model: ResidualModel, modes: Array, answers: Array) -> ResidualModel:
+    """Return the engine with modes for its unknowns, of which little is left: residuals answer to them as they do at none."""
+    at, (mean, apart) = model.with_unknowns, np.tensordot(answers, modes, (0, 0)).transpose(0, 3, 1, 2)
+    columns = np.concatenate([mean + apart, mean - apart], axis=2)  # as seen in both views
+    return replace(
+        model,
+        names=tuple(f"mode {i}" for i in range(len(columns))),
+        adding=0,
+        covariance=np.eye(len(columns)),
+        with_unknowns=lambda sizes: at(modes @ sizes),
+        by_unknowns=lambda *_: columns,
+    )
 
 
 def where_the_map_stands(problem: Problem) -> Problem:

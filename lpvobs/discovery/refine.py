@@ -67,12 +67,11 @@ def refine(
     `healthy` is what the engine leaves when it is healthy: the search is for what has changed. Raises DataError if a log is too
     short, or lacks a channel that an effect of the model follows.
     """
-    widths = dict(zip(model.names, model.spread.tolist(), strict=True))
 
-    def lay(these: Sequence[Log], like: Problem | None = None) -> Problem:
+    def lay(these: Sequence[Log], modes: Array | None = None) -> Problem:
         if healthy is None:
             return lay_out(model, grid, prior, these)
-        return healthy.taken_off(lay_out(model, grid, prior, these, spacing=healthy.spacing), like)
+        return healthy.taken_off(lay_out(model, grid, prior, these, spacing=healthy.spacing), modes)
 
     problem = lay(logs)
     terms = tuple(term_on(known_effect, problem, logs) for known_effect in known)
@@ -90,7 +89,7 @@ def refine(
     findings = tuple(finding_of(logs, item) for item in accepted)
     judged = []
     for log in hold_out:
-        unseen = lay([log], problem)
+        unseen = lay([log], problem.modes)
         acting = [[term_on(item, unseen, [log]) for item in effects] for effects in (kept, kept + found)]
         judged.append(losses_on_unseen((before, after), acting, unseen))
     named, unexplained = list(zip(findings, found, strict=True)), selection.verdict == "unexplained"
@@ -118,15 +117,26 @@ def refine(
         left=left,
     )
     progress(1.0)
-    deviation = np.sqrt(np.maximum(np.diag(after.covariance)[after.p :], 0.0))
+    beta, covariance = _of_engine(after, model.covariance)
     return Refinement(
         trace=result,
-        beta=dict.fromkeys(widths, 0.0) | dict(zip(problem.model.names, after.beta.tolist(), strict=False)),
-        beta_deviation=widths | dict(zip(problem.model.names, deviation.tolist(), strict=False)),
+        beta=dict(zip(model.names, beta.tolist(), strict=True)),
+        beta_deviation=dict(zip(model.names, np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist(), strict=True)),
         known_effects=kept + found,
         before=before,
         after=after,
     )
+
+
+def _of_engine(linear: Linear, prior: Array) -> tuple[Array, Array]:
+    """Return the engine's unknowns and their covariance, (q, q) like the prior; what nothing tells of keeps its own."""
+    modes = linear.problem.modes  # of the first unknowns
+    own = slice(linear.p, linear.p + len(linear.problem.model.names))
+    found, left = linear.beta[: len(linear.problem.model.names)], linear.covariance[own, own]
+    if modes is None:
+        return found, left
+    modes = np.pad(modes, ((0, len(prior) - len(modes)), (0, 0)))
+    return modes @ found, prior + modes @ (left - np.eye(len(left))) @ modes.T
 
 
 def _selected(

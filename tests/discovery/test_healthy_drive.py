@@ -186,10 +186,7 @@ def test_what_a_healthy_engine_seems_to_have_is_no_fault(healthy, plant, config,
     sizes = dict.fromkeys([effect.id for effect in plant.catalogue], 0.0) | {"maf.gain": 0.05}
     none, any_ = np.zeros(len(sizes)), np.full(len(sizes), np.inf)
     seeming = replace(healthy, effects=tuple(sizes), whole=np.array(list(sizes.values())), late=none, beyond=any_)
-    problems = [
-        each.taken_off(lay_out(plant, config.grid(), prior, [step]))
-        for each in (healthy, seeming)
-    ]
+    problems = [each.taken_off(lay_out(plant, config.grid(), prior, [step])) for each in (healthy, seeming)]
     effect = plant.effect("maf.gain")
     plain, wider = (fit_candidate(fit(problem), effect) for problem in problems)
     assert wider.told * wider.gain < 0.1 * plain.told * plain.gain
@@ -265,14 +262,17 @@ def test_what_is_not_known_of_the_engine_stays_so_as_far_as_a_drive_tells(health
     strength = np.linalg.eigvalsh(scaled @ scaled.T)
     found = np.sort((answers(problem) ** 2).sum(1))
     assert 0 < found.size < len(plant.names)
-    np.testing.assert_allclose(found, strength[strength > TOLD], rtol=0.02)  # other quotients than those of the engine's own
+    np.testing.assert_allclose(
+        found, strength[strength > TOLD], rtol=0.02
+    )  # other quotients than those of the engine's own
 
 
 def test_another_drive_shares_the_unknowns_of_the_engine(healthy, plant, config, prior, other):
     problem, unseen = (lay_out(plant, config.grid(), prior, [other(seed)]) for seed in (2, 3))
     known = healthy.taken_off(problem)
-    assert healthy.taken_off(unseen, known).model is known.model
-    assert known.wider().model is known.model
+    for shared in (healthy.taken_off(unseen, known.modes), known.wider()):
+        assert shared.modes is known.modes
+        assert shared.model.names == known.model.names
 
 
 def test_noise_of_a_size_is_no_variation_of_the_engine():
