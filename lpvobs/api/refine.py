@@ -106,7 +106,7 @@ def _write_anew(out: Path, closed: trace.Closed) -> None:
 
 def estimate_refined(closed: trace.Closed, refined: Refined) -> MapEstimate:
     """Return the map that the logs give with the effects in the model, by the default method."""
-    engine, region, constants = closed.engine, closed.stored.gain.gain.region, closed.constants
+    engine, region, constants = closed.engine, closed.stored.gain.gain.region, moved_constants(closed)
     air_path, grid = refined.air_path, engine.config.grid()
     settings = engine.config.estimate.of_engine(air_path.usual_tolerance)
     moved = {name: constants.get(name, 0.0) for name in settings.tolerance}
@@ -120,6 +120,15 @@ def estimate_refined(closed: trace.Closed, refined: Refined) -> MapEstimate:
     return estimate
 
 
+def moved_constants(closed: trace.Closed) -> dict[str, float]:
+    """Return the deviations of the constants that the observer moves to.
+
+    A volume stays as the gain is certified: flows are linear in it, and the map is estimated beside it.
+    """
+    volumes = closed.engine.air_path.volumes
+    return {name: share for name, share in closed.constants.items() if name not in volumes}
+
+
 def refined_model(closed: trace.Closed, effects: tuple[KnownEffect, ...]) -> Refined:
     """Return the model as the observer has it: the engine with its unknowns where the joint fit has them, and the effects.
 
@@ -129,7 +138,7 @@ def refined_model(closed: trace.Closed, effects: tuple[KnownEffect, ...]) -> Ref
     exact, moving them costs up to 1 % at 100 Hz and 2 % at 20 Hz.
     """
     engine, gain = closed.engine, closed.stored.gain
-    there = replace(engine, air_path=engine.air_path.deviating(closed.constants), calibrated=None)
+    there = replace(engine, air_path=engine.air_path.deviating(moved_constants(closed)), calibrated=None)
     smoothing = engine.config.estimate.smoothing
     return Refined(there.residual_model(), there.air_path, gain.outputs, gain.gain.L, smoothing, effects)
 
