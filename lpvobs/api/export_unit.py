@@ -181,10 +181,9 @@ def _of_map(result: Path) -> tuple[Config, AirPath, dict[str, Array]]:
     if found.engine is None or engine.air_path.learns:
         return engine.config, engine.air_path, {}
     told = dict(zip(found.engine.constants, found.engine.deviation.tolist(), strict=True))
-    # the state is observed with the configured volumes, as the gain is certified
-    deviation = {name: share for name, share in told.items() if name not in engine.air_path.volumes}
+    air_path = engine.air_path.deviating(engine.air_path.as_certified(told))
     with hdf.reading(result, results.KIND, results.REMEDY) as file:
-        return engine.config, engine.air_path.deviating(deviation), engines.read_corrections(file, engine.air_path)
+        return engine.config, air_path, engines.read_corrections(file, engine.air_path)
 
 
 def _write_folder(folder: Path, made: Mapping[str, str]) -> None:

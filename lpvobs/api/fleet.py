@@ -4,7 +4,7 @@ The result does not depend on how many processes or machines took part, nor on w
 with the logs that it had not finished, see `lpvobs.io.results.parts`.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial, reduce
 from operator import add
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from lpvobs.api.doubts import Doubting, Doubts
 from lpvobs.api.files import Progress, refuse_copies, within
-from lpvobs.api.groups import by_group, differences, together
+from lpvobs.api.groups import Together, by_group, differences, together
 from lpvobs.api.jobs import Workers
 from lpvobs.api.known_engine import KnownEngine
 from lpvobs.engines import base, channels
@@ -145,9 +145,7 @@ def estimate_fleet(
             raise DataError("; ".join(refusals))
         called = {sha256: names[path] for sha256, path in found.items()}
         doubting = Doubting(config, judged(air_path, task.point.settings, task.point.known))
-        every = reduce(add, by_group(workers, called, partial(together, read, grid, task.point)))
-        for run, balances in zip(every.runs, every.balances, strict=True):
-            doubting.look(run.name, balances)
+        every = reduce(add, looked_at(doubting, by_group(workers, called, partial(together, read, grid, task.point))))
         if merge is None or found.keys() != {sha256 for sha256, stored in opened.items() if stored is not None}:
             merge = of_sums(grid, every.total, every.runs, task.point)
         estimate, solution = replace(merge[0], runs=every.runs), merge[1]  # under the names that logs have now
@@ -175,6 +173,14 @@ def estimate_fleet(
         scatter=agreed[0],
         agreement=tuple(sorted(agreed[1], key=lambda item: turn[item.name])),
     )
+
+
+def looked_at(doubting: Doubting, groups: Iterable[Together]) -> Iterator[Together]:
+    """Yield groups of logs without the sums of their balances, once those have been looked at."""
+    for group in groups:
+        for run, balances in zip(group.runs, group.balances, strict=True):
+            doubting.look(run.name, balances)
+        yield replace(group, balances=())
 
 
 def learned_digest(air_path: base.AirPath) -> str:

@@ -79,7 +79,7 @@ def by_group(
     early: dict[int, Result] = {}
     turn = 0
     for number, result in here.finished(function, groups):
-        early[number] = result
+        early[number] = result  # handed on in its turn: the sums of all groups at once would need much memory
         while turn in early:
             yield early.pop(turn)
             turn += 1

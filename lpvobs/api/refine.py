@@ -106,9 +106,10 @@ def _write_anew(out: Path, closed: trace.Closed) -> None:
 
 def estimate_refined(closed: trace.Closed, refined: Refined) -> MapEstimate:
     """Return the map that the logs give with the effects in the model, by the default method."""
-    engine, region, constants = closed.engine, closed.stored.gain.gain.region, moved_constants(closed)
+    engine, region = closed.engine, closed.stored.gain.gain.region
     air_path, grid = refined.air_path, engine.config.grid()
     settings = engine.config.estimate.of_engine(air_path.usual_tolerance)
+    constants = air_path.as_certified(closed.constants)
     moved = {name: constants.get(name, 0.0) for name in settings.tolerance}
     point = Point(engine.air_path, settings, moved, engine.calibrated)
     unknowns, parts = point.unknowns, []
@@ -120,17 +121,8 @@ def estimate_refined(closed: trace.Closed, refined: Refined) -> MapEstimate:
     return estimate
 
 
-def moved_constants(closed: trace.Closed) -> dict[str, float]:
-    """Return the deviations of the constants that the observer moves to.
-
-    A volume stays as the gain is certified: flows are linear in it, and the map is estimated beside it.
-    """
-    volumes = closed.engine.air_path.volumes
-    return {name: share for name, share in closed.constants.items() if name not in volumes}
-
-
 def refined_model(closed: trace.Closed, effects: tuple[KnownEffect, ...]) -> Refined:
-    """Return the model as the observer has it: the engine with its unknowns where the joint fit has them, and the effects.
+    """Return the model as the observer has it: the engine where the joint fit has it, but for its volumes, and the effects.
 
     `estimate` takes the constants as configured, and carries their tolerance into the standard errors. Beside effects they
     move: a size and a constant are estimated together, and mean little apart. On simulated drives with every constant off by up
@@ -138,7 +130,8 @@ def refined_model(closed: trace.Closed, effects: tuple[KnownEffect, ...]) -> Ref
     exact, moving them costs up to 1 % at 100 Hz and 2 % at 20 Hz.
     """
     engine, gain = closed.engine, closed.stored.gain
-    there = replace(engine, air_path=engine.air_path.deviating(moved_constants(closed)), calibrated=None)
+    constants = engine.air_path.as_certified(closed.constants)
+    there = replace(engine, air_path=engine.air_path.deviating(constants), calibrated=None)
     smoothing = engine.config.estimate.smoothing
     return Refined(there.residual_model(), there.air_path, gain.outputs, gain.gain.L, smoothing, effects)
 

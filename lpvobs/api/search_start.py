@@ -115,7 +115,7 @@ def _of_model(found: EngineOfMap, names: Sequence[str]) -> tuple[Array, list[int
 
 
 def search_start(model: ResidualModel, known: Start, refined: StoredRefinement | None, logs: Sequence[Log]) -> Start:
-    """Return where the search on logs starts: at the constants that the stored model was estimated with.
+    """Return where the search on logs starts: at the constants that the stored model of effects was estimated with.
 
     Logs that have not told of the effects of a refined model begin with its constants, and with what it left of their tolerance;
     a map that stands is moved there by its sensitivity to them. On logs that have, nothing may count twice: a free map begins

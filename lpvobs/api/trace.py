@@ -191,9 +191,10 @@ def close(
         before = known_from(stored, model, prior_map, engine.calibrated)
     else:
         before = nothing_known(model, grid, prior_map, engine.calibrated)
-    start = search_start(model, before, refined, logs)
-    known = () if refined is None else refined.effects
     healthy = results.read_beside(path, HEALTHY, HealthyDrive) if frozen else None
+    # what healthy drives leave was learned at the constants that the map was estimated with
+    start = search_start(model, before, refined, logs) if healthy is None else before
+    known = () if refined is None else refined.effects
     found = refine(start.model, grid, start.prior, logs, progress, known, hold_out, healthy)
     if found.trace.verdict == "unexplained" or any(effect.id.startswith(PREFIX) for effect in found.trace.findings):
         _refuse_slow(logs)

@@ -3,7 +3,8 @@
 No engine is its model. What a balance leaves is a smooth function of the signals, the same on all drives, and errors that last all
 day, for minutes, or a few instants; their variances are those of largest likelihood. The function is taken off the residual of
 another drive. What is not known of it, and the slow errors, are unknowns of that drive's search with the covariance that healthy
-drives leave; the fast error widens the noise. Where an effect corrects a channel, the function goes along by its derivative.
+drives leave. So are those combinations of the engine's constants that the drive can show. The fast error widens the noise. Where
+an effect corrects a channel, the function goes along by its derivative.
 
 The function is a Gaussian process: bells over the channels around instants of the healthy drives, and a line over their rates,
 since sensors that are slow when the engine is healthy stay slow. Where a drive goes elsewhere the bells end, and what the
@@ -19,7 +20,7 @@ import numpy as np
 import scipy
 
 from lpvobs.discovery import thresholds
-from lpvobs.discovery.imbalances import by_unknowns, imbalances_at, operating_nodes, rests_on, scenes_with
+from lpvobs.discovery.imbalances import imbalances_at, operating_nodes, rests_on, scenes_with
 from lpvobs.discovery.patterns import Patterns, Seeming
 from lpvobs.discovery.residual import Problem
 from lpvobs.engines.residual_model import ResidualModel
@@ -116,43 +117,43 @@ class HealthyDrive:
         `modes` are the `Problem.modes` of another problem whose unknowns it shares.
         """
         problem = where_the_map_stands(problem)
-        features = self.along(problem)
+        # nothing is known of a balance that healthy drives hardly showed
+        problem = replace(problem, shown=problem.shown & (self.amplitude > 0.0)[:, None])
+        features, answers = self.along(problem), _by_constants(problem)
         _, wider = self.expected(problem, features)
-        alone = constants_alone(problem)
-        answers = _answers(alone)
-        modes = self._told(alone, answers[:, 0], wider) if modes is None else modes
+        modes = self._shown_modes(problem, answers, wider) if modes is None else modes
         slow = (self._slow(problem, features, b, wider[b]) for b in range(len(self.balances)))
-        return self._asked(problem, modes, _in_modes(alone.model, modes, answers), Patterns(tuple(slow)))
+        return self._beside_healthy(problem, modes, _in_modes(problem.model, modes, answers), Patterns(tuple(slow)))
 
-    def _asked(self, problem: Problem, modes: Array, model: ResidualModel, patterns: Patterns) -> Problem:
-        """Return the problem beside what a healthy engine leaves, with these unknowns of engine and errors."""
+    def _beside_healthy(self, problem: Problem, modes: Array, model: ResidualModel, patterns: Patterns) -> Problem:
+        """Return the problem less what a healthy engine leaves, with these unknowns of engine and errors."""
         (expected, wider), q = self.expected(problem, self.along(problem)), len(problem.model.names)
-        sensitivity = problem.prior.sensitivity[:, : len(modes)] @ modes
         return replace(
             problem,
             model=model,
             modes=modes,
-            prior=replace(problem.prior, sensitivity=sensitivity),
+            prior=replace(problem.prior, sensitivity=problem.prior.sensitivity @ modes),
             offset=problem.offset - expected,
             lasting=problem.lasting * wider,
             patterns=patterns,
             seeming=self._seeming(problem),
             follows=self._follows(problem),
             covariance=scipy.linalg.block_diag(model.covariance, problem.covariance[q:, q:], np.eye(len(patterns))),
-            wider=lambda: self._asked(where_the_map_stands(problem.wider()), modes, model, patterns),
+            wider=lambda: self._beside_healthy(where_the_map_stands(problem.wider()), modes, model, patterns),
         )
 
-    def _told(self, problem: Problem, answers: Array, wider: Array) -> Array:
-        """Return which combinations of the engine's n constants, of unit variance, a drive tells of, shape (n, m).
+    def _shown_modes(self, problem: Problem, answers: Array, wider: Array) -> Array:
+        """Return the combinations of the engine's unknowns, of unit variance, that move this drive's residual, shape (q, m).
 
-        Where a drive goes that the healthy ones did not, they are what is not known of the engine. The map moves with them.
+        They do so by more than `TOLD` of its noise; the map moves with them. Corrections of a calibrated engine stay as they are:
+        they are functions of the channels, as the bells are. `answers` are those to the n constants.
         """
-        n, nodes = len(answers), operating_nodes(problem, scenes_with(problem, (), np.zeros(problem.spread.size)))
-        by_map = np.einsum("km,kmq->qk", nodes[1], problem.prior.sensitivity[nodes[0]])
-        noise = self.scale[:, None] * np.sqrt(wider)
-        rows = ((answers - problem.by_reading * by_map[:, None]) * problem.shown / noise).reshape(n, -1)
-        root = np.linalg.cholesky(problem.model.covariance)
-        strength, modes = np.linalg.eigh(root.T @ rows @ rows.T @ root)
+        root, n = _root_of_constants(problem.model), len(answers)
+        nodes = operating_nodes(problem, scenes_with(problem, (), np.zeros(problem.spread.size)))
+        by_map = np.einsum("km,kmq->qk", nodes[1], problem.prior.sensitivity[nodes[0], :n])
+        moved = 0.5 * (answers[..., : problem.K] + answers[..., problem.K :]) - problem.by_reading * by_map[:, None]
+        rows = (moved * problem.shown / (self.scale[:, None] * np.sqrt(wider))).reshape(n, problem.shown.size)
+        strength, modes = np.linalg.eigh(root[:n].T @ rows @ rows.T @ root[:n])
         return np.asarray(root @ modes[:, strength > thresholds.TOLD])
 
     def _follows(self, problem: Problem) -> Mapping[str, tuple[Array, Array]]:
@@ -187,38 +188,29 @@ class HealthyDrive:
         return np.ascontiguousarray((every @ modes[:, strength > thresholds.TOLD]).T)
 
 
-def constants_alone(problem: Problem) -> Problem:
-    """Return the problem with the corrections of a calibrated engine as they are: functions of the channels, as the bells are."""
-    model, q = problem.model, len(problem.model.names)
-    n, at = q - model.adding, model.with_unknowns
-    precision = np.linalg.inv(problem.covariance[:q, :q])
-    known = replace(
-        model,
-        names=model.names[:n],
-        adding=0,
-        covariance=np.linalg.inv(precision[:n, :n]),
-        with_unknowns=lambda sizes: at(np.concatenate([sizes, np.zeros(q - n)])),
-        by_unknowns=None,
-    )
-    return replace(
-        problem,
-        model=known,
-        prior=replace(problem.prior, sensitivity=problem.prior.sensitivity[:, :n]),
-        covariance=scipy.linalg.block_diag(known.covariance, problem.covariance[q:, q:]),
-    )
+def _root_of_constants(model: ResidualModel) -> Array:
+    """Return a root of the covariance of the engine's n constants where corrections are as they are, shape (q, n)."""
+    C, n = model.covariance, len(model.names) - model.adding
+    variance, axes = np.linalg.eigh(C[:n, :n] - C[:n, n:] @ np.linalg.solve(C[n:, n:], C[n:, :n]))
+    return np.pad(axes * np.sqrt(np.maximum(variance, 0.0)), ((0, len(C) - n), (0, 0)))
 
 
-def _answers(problem: Problem) -> Array:
-    """Return how the residual answers to each of the engine's unknowns, shape (q, 2, B, K)."""
-    none = np.zeros(problem.spread.size)
-    scenes = scenes_with(problem, (), none)
-    return by_unknowns(problem, scenes, (), none, imbalances_at(problem, scenes, none))[: len(problem.model.names)]
+def _by_constants(problem: Problem) -> Array:
+    """Return the derivatives of the balances by the relative deviation of each of the engine's n constants, shape (n, B, 2K)."""
+    model, none = problem.model, np.zeros(problem.spread.size)
+    scenes, q = scenes_with(problem, (), none), len(model.names)
+
+    def left(deviation: Array) -> Array:
+        constants = model.with_unknowns(deviation)
+        return imbalances_at(problem, tuple((on, replace(s, constants=constants)) for on, s in scenes), none)
+
+    here, steps = left(np.zeros(q)), thresholds.STEP * np.eye(q)[: q - model.adding]
+    return np.array([left(step) - here for step in steps]).reshape(-1, *here.shape) / thresholds.STEP
 
 
 def _in_modes(model: ResidualModel, modes: Array, answers: Array) -> ResidualModel:
-    """Return the engine with modes for its unknowns, of which little is left: residuals answer to them as they do at none."""
-    at, (mean, apart) = model.with_unknowns, np.tensordot(answers, modes, (0, 0)).transpose(0, 3, 1, 2)
-    columns = np.concatenate([mean + apart, mean - apart], axis=2)  # as seen in both views
+    """Return the engine with modes, (q, m), as its unknowns; derivatives by them are taken once, without effects."""
+    at, columns = model.with_unknowns, np.tensordot(modes[: len(answers)].T, answers, 1)
     return replace(
         model,
         names=tuple(f"mode {i}" for i in range(len(columns))),

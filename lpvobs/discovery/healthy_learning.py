@@ -32,6 +32,7 @@ def learned(model: ResidualModel, grid: Grid, prior: MapPrior, logs: Sequence[Lo
 
     A single drive is two for that, its halves: seen from itself, it would seem to have nothing.
     """
+    names = tuple(log.name for log in logs)
     logs = halves(logs[0]) if len(logs) == 1 else logs
     found, *without = learned_from(lay_out(model, grid, prior, logs), [log.name for log in logs])
     # of every drive, as the others see it: gradient and information of each effect, whole and late
@@ -49,7 +50,9 @@ def learned(model: ResidualModel, grid: Grid, prior: MapPrior, logs: Sequence[Lo
     (whole, beyond), (late, beyond_late) = (beyond_noise(*scores[:, :, i].transpose(2, 0, 1)) for i in (0, 1))
     beyond = np.maximum(beyond, beyond_late) / float(np.mean(data))
     common = float(beyond.mean())
-    return replace(found, effects=effects, whole=whole, late=late, beyond=beyond, common=common, uneven=max(uneven))
+    return replace(
+        found, logs=names, effects=effects, whole=whole, late=late, beyond=beyond, common=common, uneven=max(uneven)
+    )
 
 
 def halves(log: Log) -> list[Log]:
@@ -86,7 +89,7 @@ def beyond_noise(gradient: Array, information: Array) -> tuple[Array, Array]:
 
 
 def learned_from(problem: Problem, logs: Sequence[str]) -> tuple[HealthyDrive, ...]:
-    """Return what healthy drives show, laid out with the map and the engine that they made, and the same without each of several.
+    """Return what healthy drives show, laid out with the map and the engine that they made, and the same without each of them.
 
     The width of the bells is the best of some, the variances are the likeliest of all drives.
     """
@@ -115,8 +118,7 @@ def learned_from(problem: Problem, logs: Sequence[str]) -> tuple[HealthyDrive, .
         own = _LearnedBalance(*map(np.array, zip(*(_learned(each, numbers) for each in told), strict=True)))
         rest = _scales(left.mean(1) - own.weights @ features.mean(0).T, problem)
         return replace(
-            bare, logs=tuple(dict.fromkeys(logs[i] for i in numbers)),
-            weights=own.weights, amplitude=own.amplitude, unsure=own.unsure,
+            bare, logs=tuple(logs[i] for i in numbers), weights=own.weights, amplitude=own.amplitude, unsure=own.unsure,
             scale=np.array([np.median(row[on]) if on.any() else 1.0 for row, on in zip(rest, shown, strict=True)]),
             slow=own.slow, lasting=problem.spacing * own.lasting,
         )  # fmt: skip
@@ -232,7 +234,7 @@ def _learned(told: _Told, logs: Sequence[int]) -> _LearnedBalance:
     size, *slow = told.sizes
     factor = scipy.linalg.cholesky(told.precision[logs].sum(0) + np.eye(m), lower=True)
     weights = size * scipy.linalg.cho_solve((factor, True), told.gradient[logs].sum(0))
-    unsure = size * scipy.linalg.solve_triangular(factor, np.eye(m), lower=True).T  # its square is the inverse
+    unsure = size * scipy.linalg.solve_triangular(factor, np.eye(m), lower=True).T  # U = L^-T, and U U^T = (L L^T)^-1
     return _LearnedBalance(weights, unsure, float(size), told.lasting, np.array(slow))
 
 

@@ -187,7 +187,7 @@ def by_unknowns(problem: Problem, scenes: Sequence[Scene], terms: Sequence[Term]
         for on, s in scenes:
             own = model.by_unknowns(s.constants, s, problem.blocks)
             quotients = q - len(own)
-            both = views(own.reshape(len(own) * B, -1), K).reshape(2, len(own), B, K).swapaxes(0, 1)
+            both = views(own.reshape(len(own) * B, own.shape[-1]), K).reshape(2, len(own), B, K).swapaxes(0, 1)
             found[quotients:q] = np.where(on, both, found[quotients:q])
     for i in range(quotients):
         moved = beta.copy()

@@ -130,13 +130,9 @@ def refine(
 
 def _of_engine(linear: Linear, prior: Array) -> tuple[Array, Array]:
     """Return the engine's unknowns and their covariance, (q, q) like the prior; what nothing tells of keeps its own."""
-    modes = linear.problem.modes  # of the first unknowns
-    own = slice(linear.p, linear.p + len(linear.problem.model.names))
-    found, left = linear.beta[: len(linear.problem.model.names)], linear.covariance[own, own]
-    if modes is None:
-        return found, left
-    modes = np.pad(modes, ((0, len(prior) - len(modes)), (0, 0)))
-    return modes @ found, prior + modes @ (left - np.eye(len(left))) @ modes.T
+    modes, m = linear.problem.modes, len(linear.problem.model.names)
+    found, left = linear.beta[:m], linear.covariance[linear.p : linear.p + m, linear.p : linear.p + m]
+    return (found, left) if modes is None else (modes @ found, prior + modes @ (left - np.eye(m)) @ modes.T)
 
 
 def _selected(

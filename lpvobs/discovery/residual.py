@@ -69,7 +69,7 @@ class Problem(Places):
     seeming: Seeming = field(default_factory=Seeming)
     # by channel, the derivatives of what a healthy engine leaves by its value and by its rate, (B, K)
     follows: Mapping[str, tuple[Array, Array]] = field(default_factory=dict)
-    # (n, m) beside a healthy drive, the combinations of the engine's n constants whose sizes are the unknowns then
+    # (q, m) beside a healthy drive, combinations of the engine's unknowns: their sizes are the unknowns then
     modes: Array | None = None
     held: "tuple[Term, ...]" = ()  # effects that are accounted for with fixed sizes
 

@@ -83,7 +83,8 @@ SLOW_SHARE = 0.05
 SLOW_SPREAD = 3.0
 """[1] Standard deviation of the logarithm of that. Set by choice: a factor of 20."""
 TOLD = 0.1
-"""[1] Power over noise below which a pattern of slow errors is left out: data would not tell of it. Set by time."""
+"""[1] Power over noise below which a pattern of slow errors, or a combination of the engine's constants, is left out: data would
+not tell of it. Set by time."""
 STANDS = 0.005
 """[1] Standard deviation over the mean up to which a channel stands still on a healthy drive. Set by choice: ambient pressure and
 temperature of one drive say nothing of another day."""

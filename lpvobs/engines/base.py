@@ -132,6 +132,10 @@ class AirPath(Protocol):
         """Return the air path with other unknowns of its residual model, by their relative deviations: constants by default."""
         return type(self)(scaled(self.engine, deviation))
 
+    def as_certified(self, deviation: Mapping[str, float]) -> dict[str, float]:
+        """Return the deviations that an observer takes: volumes stay, as its gain is certified, since flows are linear in them."""
+        return {name: share for name, share in deviation.items() if name not in self.volumes}
+
     def learned_from(self, logs: Sequence[Log]) -> "AirPath":
         """Return the air path with what it learns of the engine from healthy logs; itself where all is configured."""
         return self

@@ -14,7 +14,7 @@ from hdf5 import contents
 from repository import DIESEL
 
 import lpvobs
-from lpvobs.api import jobs
+from lpvobs.api import groups, jobs
 from lpvobs.api.fleet import estimate_fleet
 from lpvobs.api.known_engine import learned_engine
 from lpvobs.engines.diesel.lpv import Diesel
@@ -118,6 +118,25 @@ def test_a_worker_that_dies_is_said_in_one_line():
 @pytest.mark.slow
 def test_processes_give_the_map_of_one_process(setting, logs, alone, tmp_path):
     same(estimated(setting, logs, tmp_path / "r.h5", jobs.Workers(2)), alone)
+
+
+@pytest.mark.slow
+def test_several_groups_of_logs_give_one_map_in_any_number_of_processes(setting, logs, alone, tmp_path, monkeypatch):
+    monkeypatch.setattr(groups, "TOGETHER", 2)
+    found = [estimated(setting, logs, tmp_path / f"{n}.h5", jobs.Workers(n)) for n in (1, 2)]
+    same(*found)
+    np.testing.assert_allclose(
+        found[0].estimate.theta, alone.estimate.theta, rtol=1e-9
+    )  # another order of the same sum
+    assert [run.name for run in found[0].estimate.runs] == [run.name for run in alone.estimate.runs]
+
+
+def test_what_finishes_early_waits_for_its_turn(monkeypatch):
+    monkeypatch.setattr(groups, "TOGETHER", 2)
+    backwards = lambda _, function, tasks: list(enumerate(map(function, tasks)))[::-1]  # noqa: E731
+    monkeypatch.setattr(jobs.Workers, "finished", backwards)
+    found = {letter: letter.upper() for letter in "cadbe"}
+    assert list(groups.by_group(jobs.Workers(), found, list)) == [["a", "b"], ["c", "d"], ["e"]]
 
 
 @pytest.mark.slow

@@ -10,6 +10,7 @@ import scipy
 from lpvobs.discovery import evidence
 from lpvobs.discovery.evidence import fit_candidate
 from lpvobs.discovery.fit import fit
+from lpvobs.discovery.healthy_drive import _root_of_constants
 from lpvobs.discovery.healthy_learning import (
     _learned,
     _likeliest,
@@ -102,7 +103,7 @@ def test_a_change_is_found_and_no_change_is_not(healthy, plant, config, prior, o
     low, high = finding.parameters["factor"].ci90
     assert high - low > 2.0 * 1.64 * SHAPE**2 * 0.055  # no cause is quite the catalogue's
     assert finding.onset == pytest.approx(150.0, abs=2.0)
-    assert set(found.beta) == set(plant.names)  # the engine is as it was, and still has all its constants
+    assert set(found.beta) == set(plant.names)  # every constant has a value
 
 
 def test_it_comes_back_from_a_file_as_it_was(healthy, tmp_path):
@@ -266,6 +267,34 @@ def test_what_is_not_known_of_the_engine_stays_so_as_far_as_a_drive_tells(health
     np.testing.assert_allclose(
         found, strength[strength > TOLD], rtol=0.02
     )  # other quotients than those of the engine's own
+
+
+def test_an_engine_that_is_known_exactly_stays_so(healthy, plant, config, prior, other):
+    bare = replace(prior, sensitivity=prior.sensitivity[:, :0])
+    exact = plant.with_unknowns(np.zeros(len(plant.names)))
+    known = replace(plant, names=(), covariance=np.zeros((0, 0)), with_unknowns=lambda _: exact, by_unknowns=None)
+    for model, before in ((known, bare), (replace(plant, covariance=0.0 * plant.covariance), prior)):
+        laid = replace(lay_out(model, config.grid(), before, [other(2)]), covariance=model.covariance)
+        problem = healthy.taken_off(laid)
+        assert problem.model.names == ()
+        assert fit(problem, passes=1).beta.size == len(problem.patterns)
+
+
+def test_corrections_of_a_calibrated_engine_are_no_unknowns_beside_bells(plant):
+    """The last unknowns add up: the constants' covariance is that for corrections as they are."""
+    rng = np.random.default_rng(4)
+    root = rng.standard_normal((5, 5))
+    model = replace(plant, names=tuple("abcde"), adding=2, covariance=root @ root.T)
+    found = _root_of_constants(model)
+    assert found.shape == (5, 3)
+    assert not found[3:].any()
+    np.testing.assert_allclose(np.linalg.inv(found[:3] @ found[:3].T), np.linalg.inv(model.covariance)[:3, :3])
+
+
+def test_a_balance_that_healthy_drives_hardly_showed_is_asked_nothing(healthy, plant, config, prior, other):
+    blind = replace(healthy, amplitude=healthy.amplitude * (np.array(healthy.balances) != "exhaust"))
+    shown = blind.taken_off(lay_out(plant, config.grid(), prior, [other(2)])).shown.any(axis=1)
+    assert [name for name, on in zip(healthy.balances, shown, strict=True) if not on] == ["exhaust"]
 
 
 def test_another_drive_shares_the_unknowns_of_the_engine(healthy, plant, config, prior, other):
