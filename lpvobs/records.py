@@ -1,8 +1,8 @@
 """The frozen log record: what every other room reads. No files here."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
-from typing import Protocol
+from dataclasses import dataclass, field, fields
+from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,15 @@ class Item:
     gaps: bool = False
     meanings: Mapping[int, str] = field(default_factory=dict)
     stored: str = ""
+
+
+class Additive:
+    """Makes a record of sums, whose fields add up one by one."""
+
+    def __add__(self, other: Self) -> Self:
+        """Return the sums of both."""
+        record: Any = self
+        return type(self)(*(getattr(self, own.name) + getattr(other, own.name) for own in fields(record)))
 
 
 @dataclass(frozen=True)

@@ -20,23 +20,20 @@ from lpvobs.observer.information import Solution
 from lpvobs.observer.log_run import LogRun
 from lpvobs.observer.parts import LogInformation, added_up
 from lpvobs.observer.windows import Moments
+from lpvobs.records import Additive
 
 TOGETHER = 25  # logs in a group
 Result = TypeVar("Result")
 
 
 @dataclass(frozen=True, eq=False)
-class Together:
+class Together(Additive):
     """What some logs say, added in the order of their digests, and what is kept of each."""
 
     total: Moments
     runs: tuple[LogRun, ...]
     balances: tuple[BalanceSums, ...]
     kept: tuple[tuple[NDArray[np.uint8], ...], ...]
-
-    def __add__(self, other: "Together") -> "Together":
-        """Return what both say, of logs that come one after the other."""
-        return Together(**{name: value + getattr(other, name) for name, value in vars(self).items()})
 
 
 def together(read: Callable[[str], StoredPart], grid: Grid, point: Point, found: Mapping[str, str]) -> Together:
@@ -56,10 +53,10 @@ def together(read: Callable[[str], StoredPart], grid: Grid, point: Point, found:
 def in_order(
     read: Callable[[str], StoredPart], found: Mapping[str, str]
 ) -> Iterator[tuple[LogInformation, StoredPart]]:
-    """Yield the parts in the order of their digests, each under the name that its log has now, and all that was stored."""
-    for sha256 in sorted(found):
+    """Yield the parts in the order given, each under the name that its log has now, and all that was stored."""
+    for sha256, name in found.items():
         stored = read(sha256)
-        yield replace(stored.part, run=replace(stored.part.run, name=found[sha256])), stored
+        yield replace(stored.part, run=replace(stored.part.run, name=name)), stored
 
 
 def differences(

@@ -116,14 +116,17 @@ class HealthyDrive:
 
         `modes` are the `Problem.modes` of another problem whose unknowns it shares.
         """
-        problem = where_the_map_stands(problem)
-        # nothing is known of a balance that healthy drives hardly showed
-        problem = replace(problem, shown=problem.shown & (self.amplitude > 0.0)[:, None])
+        problem = self._where_known(problem)
         features, answers = self.along(problem), _by_constants(problem)
         _, wider = self.expected(problem, features)
         modes = self._shown_modes(problem, answers, wider) if modes is None else modes
         slow = (self._slow(problem, features, b, wider[b]) for b in range(len(self.balances)))
         return self._beside_healthy(problem, modes, _in_modes(problem.model, modes, answers), Patterns(tuple(slow)))
+
+    def _where_known(self, problem: Problem) -> Problem:
+        """Return the problem where the map stands, without balances of which the healthy drives showed too little."""
+        problem = where_the_map_stands(problem)
+        return replace(problem, shown=problem.shown & (self.amplitude > 0.0)[:, None])
 
     def _beside_healthy(self, problem: Problem, modes: Array, model: ResidualModel, patterns: Patterns) -> Problem:
         """Return the problem less what a healthy engine leaves, with these unknowns of engine and errors."""
@@ -139,7 +142,7 @@ class HealthyDrive:
             seeming=self._seeming(problem),
             follows=self._follows(problem),
             covariance=scipy.linalg.block_diag(model.covariance, problem.covariance[q:, q:], np.eye(len(patterns))),
-            wider=lambda: self._beside_healthy(where_the_map_stands(problem.wider()), modes, model, patterns),
+            wider=lambda: self._beside_healthy(self._where_known(problem.wider()), modes, model, patterns),
         )
 
     def _shown_modes(self, problem: Problem, answers: Array, wider: Array) -> Array:

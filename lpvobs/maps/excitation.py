@@ -6,21 +6,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lpvobs.maps.grid import Grid
-from lpvobs.records import Array
+from lpvobs.records import Additive, Array
 
 RIDGE = 1e-9  # share of a node's own time that keeps nodes which nothing tells apart at zero, instead of failing
 
 
 @dataclass(frozen=True)
-class Excitation:
-    """How well a drive excites the map."""
+class Excitation(Additive):
+    """How well a drive excites the map; that of two drives adds up."""
 
     gram: Array  # (p, p) [s], the integral of Psi^T Psi over the drive
     cell_gram: Array  # (p_2 - 1, p_1 - 1, 4, 4) [s], of the local regressor Psi_l over the time spent in each cell
-
-    def __add__(self, other: "Excitation") -> "Excitation":
-        """Return the excitation of two drives together."""
-        return Excitation(self.gram + other.gram, self.cell_gram + other.cell_gram)
 
     def cells(self) -> Array:
         """Return delta_1 of Eq. (29) of every cell, shape (p_2 - 1, p_1 - 1), [s]: the smallest eigenvalue."""

@@ -22,7 +22,7 @@ from lpvobs.maps.excitation import cell_numbers
 from lpvobs.maps.grid import Grid
 from lpvobs.observer.parts import log_of
 from lpvobs.observer.settings import EstimateSettings
-from lpvobs.records import Array, Defects, Piece, Recording
+from lpvobs.records import Additive, Array, Defects, Piece, Recording
 
 BLOCK = 0.2  # [s] over which all channels are averaged first: noise goes, transients stay, and it costs little
 CHUNK = 1 << 14  # blocks that are held in memory at a time
@@ -38,7 +38,7 @@ mistake of a diesel made it 2.8 times larger at least; with constants off by 20 
 
 
 @dataclass(frozen=True)
-class BalanceSums:
+class BalanceSums(Additive):
     """Sums over blocks of a log in every cell of the grid; those of logs add up. D pairs of balances: the first, and each other."""
 
     blocks: Array  # (cells,)
@@ -54,10 +54,6 @@ class BalanceSums:
     slope: Array
     visits: Array  # (cells, D, 3) over visits, of s and n, the sums of difference and blocks: s^2, s n, n^2
     broken: Array  # (checks,) blocks in which the check is broken
-
-    def __add__(self, other: "BalanceSums") -> "BalanceSums":
-        """Return the sums of two logs."""
-        return BalanceSums(**{name: value + getattr(other, name) for name, value in vars(self).items()})
 
     def mended_by(self) -> int | None:
         """Return which mistake, put right, makes balances agree far better; None where none does."""

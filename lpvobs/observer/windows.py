@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from lpvobs.compiled import njit
 from lpvobs.maps.grid import Grid, local
 from lpvobs.maps.quadratic import COEFFICIENTS, scaled_terms
-from lpvobs.records import Array
+from lpvobs.records import Additive, Array
 
 LENGTH = 0.25  # [s] Of a window: long against sampling, short against what a transient does to the unknowns' slopes
 ROWS = 480  # windows that are worked on together, two minutes: with fewer, the calls for each take longer than the work
@@ -65,17 +65,13 @@ class Columns:
 
 
 @dataclass(frozen=True, eq=False)
-class Moments:
+class Moments(Additive):
     """Sums of products of rows over windows."""
 
     products: Array  # (B, B, C, C) of the rows of every two balances; symmetric under exchange of both pairs
     slow: Array  # (B, B, C, C) the same of sums of rows over a `GROUP` of windows over the root of their number
     windows: Array  # (B,) their number where each balance says something
     gram: Array  # (cells, 4, 4) [s], integral of Psi_l^T Psi_l over the stay in each cell, for its excitation
-
-    def __add__(self, other: "Moments") -> "Moments":
-        """Return the sums of the windows of both."""
-        return Moments(**{name: value + getattr(other, name) for name, value in vars(self).items()})
 
 
 def no_moments(grid: Grid, layout: Columns) -> Moments:
