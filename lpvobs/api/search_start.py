@@ -11,9 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from lpvobs.api.known_engine import known_engine
+from lpvobs.discovery.healthy_drive import HealthyDrive
 from lpvobs.discovery.healthy_learning import learned
 from lpvobs.discovery.residual import MapPrior, free_map, nominal_map
-from lpvobs.discovery.thresholds import HEALTHY_LEAST, HEALTHY_SECONDS
+from lpvobs.discovery.thresholds import HEALTHY_LEAST, HEALTHY_SECONDS, LEAST_LEFT
 from lpvobs.engines.residual_model import ResidualModel
 from lpvobs.engines.unknowns import LeftAtNodes, Unknowns
 from lpvobs.errors import DataError
@@ -25,10 +26,6 @@ from lpvobs.io.results.results import StoredResult, read_result, update
 from lpvobs.maps.grid import Grid
 from lpvobs.observer.log_run import Beginning
 from lpvobs.records import Array, Log, gathered
-
-LEAST_LEFT = 1.0 / 3.0
-"""Share of a prior's standard deviation that an estimate or a refinement leaves at least. Their own interval is of a model that is
-linear around its optimum, and of noise that is less independent than it assumes."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +75,7 @@ def known_from(
     covariance[np.ix_(place, place)] = relative + LEAST_LEFT**2 * model.covariance[np.ix_(place, place)]
     S[:, place] = prior.sensitivity[:, own]
     constants = {found.constants[i]: float(deviation[i]) for i in own}
-    there = replace(prior, mean=prior.mean + prior.sensitivity @ moved, sensitivity=S)
+    there = replace(prior.beside(moved), sensitivity=S)
     return _started(model, there, constants, covariance)
 
 
@@ -128,8 +125,14 @@ def search_start(model: ResidualModel, known: Start, refined: StoredRefinement |
     share = np.array(left) / model.spread
     moved = {name: refined.constants.get(name, 0.0) for name in model.names}
     shift = np.array([moved[name] - known.constants.get(name, 0.0) for name in model.names])
-    prior = replace(known.prior, mean=known.prior.mean + known.prior.sensitivity @ shift)
-    return _started(model, prior, moved, model.covariance * np.outer(share, share))
+    return _started(model, known.prior.beside(shift), moved, model.covariance * np.outer(share, share))
+
+
+def beside_healthy(known: Start, healthy: HealthyDrive) -> Start:
+    """Return the start at the engine's unknowns as healthy drives show them, with what these leave of their tolerance."""
+    found = known.total(dict(zip(known.model.names, healthy.deviation.tolist(), strict=True)))
+    model = healthy.engine(known.model)
+    return Start(model, known.prior.beside(healthy.deviation), found)
 
 
 HEALTHY = "healthy"

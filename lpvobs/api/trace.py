@@ -13,7 +13,7 @@ from msgspec import UNSET
 
 from lpvobs.api.files import File, Files, Progress, refuse_copies, shown, some_logs, updating, usable
 from lpvobs.api.known_engine import KnownEngine, known_engine
-from lpvobs.api.search_start import HEALTHY, Start, known_from, nothing_known, search_start
+from lpvobs.api.search_start import HEALTHY, Start, beside_healthy, known_from, nothing_known, search_start
 from lpvobs.discovery.forms import PREFIX
 from lpvobs.discovery.healthy_drive import HealthyDrive
 from lpvobs.discovery.known_effects import KnownEffect, Span
@@ -192,8 +192,8 @@ def close(
     else:
         before = nothing_known(model, grid, prior_map, engine.calibrated)
     healthy = results.read_beside(path, HEALTHY, HealthyDrive) if frozen else None
-    # what healthy drives leave was learned at the constants that the map was estimated with
-    start = search_start(model, before, refined, logs) if healthy is None else before
+    # what healthy drives leave was learned at the constants that they show
+    start = search_start(model, before, refined, logs) if healthy is None else beside_healthy(before, healthy)
     known = () if refined is None else refined.effects
     found = refine(start.model, grid, start.prior, logs, progress, known, hold_out, healthy)
     if found.trace.verdict == "unexplained" or any(effect.id.startswith(PREFIX) for effect in found.trace.findings):

@@ -11,7 +11,17 @@ from lpvobs.discovery import imbalances
 from lpvobs.discovery.linear import Linear, dot, on_nodes
 from lpvobs.discovery.noise import Noise, Scatter, first_noise, noise_of
 from lpvobs.discovery.residual import Problem, Term
-from lpvobs.discovery.thresholds import ANEW, EFFECT_STEP, FARTHEST, MOST_STEPS, PIN, SHAPE, STILL, WIDEST
+from lpvobs.discovery.thresholds import (
+    ANEW,
+    EFFECT_STEP,
+    FARTHEST,
+    MOST_HALVINGS,
+    MOST_STEPS,
+    PIN,
+    SHAPE,
+    STILL,
+    WIDEST,
+)
 from lpvobs.maps.excitation import cell_numbers
 from lpvobs.records import Array
 
@@ -133,20 +143,33 @@ def converged(linear: Linear) -> Linear:
         free = np.concatenate([np.ones(linear.p, dtype=bool), ~linear.pinned])
         if float(linear.newton_step[free] @ linear.gradient[free]) < STILL and not linear.pinned_wrongly().any():
             break
-        linear = _stepped(linear, linear if step % ANEW else None)
+        linear = _downhill(linear, linear if step % ANEW else None)
     return linear
 
 
-def _stepped(linear: Linear, near: Linear | None) -> Linear:
-    """Return the model after one step; what would leave its range stops at the end of it and is pinned there."""
+def _downhill(linear: Linear, near: Linear | None) -> Linear:
+    """Return the model after a step, halved while it raises the sum of squares.
+
+    A step that pins something, or lets it go, may raise it: only the next one is right for all others.
+    """
+    most = objective(linear) + STILL
+    for halvings in range(MOST_HALVINGS):
+        there = _stepped(linear, near, 0.5**halvings)
+        if objective(there) <= most or not np.array_equal(there.pinned, linear.pinned):
+            break
+    return there
+
+
+def _stepped(linear: Linear, near: Linear | None, share: float = 1.0) -> Linear:
+    """Return the model after a share of one step; what would leave its range stops at the end of it and is pinned there."""
     problem, p, q = linear.problem, linear.p, linear.beta.size
     bound = np.where(np.arange(q) < q - len(problem.patterns), FARTHEST * problem.spread, np.inf)
     low = np.concatenate([-bound, [t.effect.low for t in linear.terms]])
     high = np.concatenate([bound, [t.effect.high for t in linear.terms]])
-    wanted = np.concatenate([linear.beta, [t.size for t in linear.terms]]) - linear.newton_step[p:]
+    wanted = np.concatenate([linear.beta, [t.size for t in linear.terms]]) - share * linear.newton_step[p:]
     there = np.clip(wanted, low, high)
     terms = tuple(replace(t, size=float(size)) for t, size in zip(linear.terms, there[q:], strict=True))
-    theta = linear.theta - linear.newton_step[:p]
+    theta = linear.theta - share * linear.newton_step[:p]
     pinned = (wanted != there) | (linear.pinned & ~linear.pinned_wrongly())
     return linearised(problem, terms, theta, there[:q], linear.noise, pinned, near)
 

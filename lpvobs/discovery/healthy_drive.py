@@ -46,6 +46,14 @@ class HealthyDrive:
     weights: Annotated[
         Array, Item("kg/s", "weight of each bell and each line in the residual of a balance", ("balance", "feature"))
     ]
+    by_constant: Annotated[
+        Array,
+        Item(
+            "kg/s",
+            "derivative of the weights by the relative deviation of a constant",
+            ("balance", "feature", "constant"),
+        ),
+    ]
     amplitude: Annotated[
         Array, Item("kg/s", "rms of the weighted bells and lines along the healthy drives", ("balance",))
     ]
@@ -60,6 +68,11 @@ class HealthyDrive:
     slow: Annotated[
         Array, Item("kg/s", "standard deviation of the error that lasts all day, and for minutes", ("balance", "error"))
     ]
+    deviation: Annotated[
+        Array,
+        Item("1", "deviation of each of the engine's unknowns from the value beside the map, relative", ("unknown",)),
+    ]
+    covariance: Annotated[Array, Item("1", "covariance of these deviations", ("unknown", "other_unknown"))]
     effects: Annotated[tuple[str, ...], Item("1", "effect of the catalogue", name="effect")]
     whole: Annotated[
         Array, Item("1", "standard deviation beyond noise of its size on healthy drives, in its unit", ("effect",))
@@ -83,6 +96,10 @@ class HealthyDrive:
         """Inverse of the lower Cholesky factor of the bells' own kernel, shape (m, m)."""
         kernel = _bells(self.centres, self.centres, self.width)
         return np.asarray(np.linalg.inv(np.linalg.cholesky(kernel + thresholds.RIDGE * np.eye(len(kernel)))))
+
+    def engine(self, model: ResidualModel) -> ResidualModel:
+        """Return the engine as the healthy drives show it, from the one beside the map."""
+        return model.moved(self.deviation, self.covariance)
 
     def inputs(self, problem: Problem) -> Array:
         """Return values and rates in spreads from the middle, shape (2, K, c + r); the views change places.
@@ -117,18 +134,31 @@ class HealthyDrive:
         `modes` are the `Problem.modes` of another problem whose unknowns it shares.
         """
         problem = self._where_known(problem)
-        features, answers = self.along(problem), _by_constants(problem)
+        answers, learned = by_constants(problem), self._by_constants(problem)
+        features = self.along(problem)
         _, wider = self.expected(problem, features)
-        modes = self._shown_modes(problem, answers, wider) if modes is None else modes
+        modes = self._shown_modes(problem, answers - learned, wider) if modes is None else modes
+        model = _in_modes(problem.model, modes, answers - learned)
+        learned = np.tensordot(modes[: len(learned)].T, learned, 1)
         slow = (self._slow(problem, features, b, wider[b]) for b in range(len(self.balances)))
-        return self._beside_healthy(problem, modes, _in_modes(problem.model, modes, answers), Patterns(tuple(slow)))
+        return self._beside_healthy(problem, modes, learned, model, Patterns(tuple(slow)))
 
     def _where_known(self, problem: Problem) -> Problem:
         """Return the problem where the map stands, without balances of which the healthy drives showed too little."""
         problem = where_the_map_stands(problem)
         return replace(problem, shown=problem.shown & (self.amplitude > 0.0)[:, None])
 
-    def _beside_healthy(self, problem: Problem, modes: Array, model: ResidualModel, patterns: Patterns) -> Problem:
+    def _by_constants(self, problem: Problem) -> Array:
+        """Return the derivatives of what was learned by the engine's n constants, shape (n, B, 2K).
+
+        With other constants the healthy drives would have left something else, and what both drives show of a constant cancels.
+        """
+        features = np.concatenate([self.features(view) for view in self.inputs(problem)[::-1]])
+        return np.asarray(np.einsum("cm,bmn->nbc", features, self.by_constant, optimize=True))
+
+    def _beside_healthy(
+        self, problem: Problem, modes: Array, learned: Array, model: ResidualModel, patterns: Patterns
+    ) -> Problem:
         """Return the problem less what a healthy engine leaves, with these unknowns of engine and errors."""
         (expected, wider), q = self.expected(problem, self.along(problem)), len(problem.model.names)
         return replace(
@@ -137,12 +167,13 @@ class HealthyDrive:
             modes=modes,
             prior=replace(problem.prior, sensitivity=problem.prior.sensitivity @ modes),
             offset=problem.offset - expected,
+            learned=learned,
             lasting=problem.lasting * wider,
             patterns=patterns,
             seeming=self._seeming(problem),
             follows=self._follows(problem),
             covariance=scipy.linalg.block_diag(model.covariance, problem.covariance[q:, q:], np.eye(len(patterns))),
-            wider=lambda: self._beside_healthy(self._where_known(problem.wider()), modes, model, patterns),
+            wider=lambda: self._beside_healthy(self._where_known(problem.wider()), modes, learned, model, patterns),
         )
 
     def _shown_modes(self, problem: Problem, answers: Array, wider: Array) -> Array:
@@ -151,10 +182,9 @@ class HealthyDrive:
         They do so by more than `TOLD` of its noise; the map moves with them. Corrections of a calibrated engine stay as they are:
         they are functions of the channels, as the bells are. `answers` are those to the n constants.
         """
-        root, n = _root_of_constants(problem.model), len(answers)
-        nodes = operating_nodes(problem, scenes_with(problem, (), np.zeros(problem.spread.size)))
-        by_map = np.einsum("km,kmq->qk", nodes[1], problem.prior.sensitivity[nodes[0], :n])
-        moved = 0.5 * (answers[..., : problem.K] + answers[..., problem.K :]) - problem.by_reading * by_map[:, None]
+        root, n = root_of_constants(problem.model), len(answers)
+        both = with_map(problem, answers)
+        moved = 0.5 * (both[..., : problem.K] + both[..., problem.K :])
         rows = (moved * problem.shown / (self.scale[:, None] * np.sqrt(wider))).reshape(n, problem.shown.size)
         strength, modes = np.linalg.eigh(root[:n].T @ rows @ rows.T @ root[:n])
         return np.asarray(root @ modes[:, strength > thresholds.TOLD])
@@ -180,7 +210,9 @@ class HealthyDrive:
         known = [effect for effect in problem.catalogue if effect.id in each]
         in_place = {effect.place: [each[e.id] for e in known if e.place == effect.place] for effect in known}
         places = {place: float(np.mean(own)) for place, own in in_place.items()}
-        return Seeming(whole, late, each, places, self.common, self.uneven, len(self.logs) + thresholds.POOLED)
+        return Seeming(
+            whole, late, each, places, self.common, self.uneven, len(self.logs) + thresholds.POOLED, len(self.logs)
+        )
 
     def _slow(self, problem: Problem, features: Array, b: int, wider: Array) -> Array:
         """Return what the slow error of a balance may look like, independent and of unit size, as far as data tell, (m, K)."""
@@ -191,14 +223,14 @@ class HealthyDrive:
         return np.ascontiguousarray((every @ modes[:, strength > thresholds.TOLD]).T)
 
 
-def _root_of_constants(model: ResidualModel) -> Array:
+def root_of_constants(model: ResidualModel) -> Array:
     """Return a root of the covariance of the engine's n constants where corrections are as they are, shape (q, n)."""
     C, n = model.covariance, len(model.names) - model.adding
     variance, axes = np.linalg.eigh(C[:n, :n] - C[:n, n:] @ np.linalg.solve(C[n:, n:], C[n:, :n]))
     return np.pad(axes * np.sqrt(np.maximum(variance, 0.0)), ((0, len(C) - n), (0, 0)))
 
 
-def _by_constants(problem: Problem) -> Array:
+def by_constants(problem: Problem) -> Array:
     """Return the derivatives of the balances by the relative deviation of each of the engine's n constants, shape (n, B, 2K)."""
     model, none = problem.model, np.zeros(problem.spread.size)
     scenes, q = scenes_with(problem, (), none), len(model.names)
@@ -209,6 +241,13 @@ def _by_constants(problem: Problem) -> Array:
 
     here, steps = left(np.zeros(q)), thresholds.STEP * np.eye(q)[: q - model.adding]
     return np.array([left(step) - here for step in steps]).reshape(-1, *here.shape) / thresholds.STEP
+
+
+def with_map(problem: Problem, answers: Array) -> Array:
+    """Return derivatives of the balances by n constants, shape (n, B, 2K), as those of the residual: the map moves, too."""
+    nodes = operating_nodes(problem, scenes_with(problem, (), np.zeros(problem.spread.size)))
+    by_map = np.einsum("km,kmq->qk", nodes[1], problem.prior.sensitivity[nodes[0], : len(answers)])
+    return np.asarray(answers - np.tile(problem.by_reading * by_map[:, None], 2))
 
 
 def _in_modes(model: ResidualModel, modes: Array, answers: Array) -> ResidualModel:

@@ -18,8 +18,18 @@ from numpy.typing import NDArray
 from lpvobs.discovery import thresholds
 from lpvobs.discovery.evidence import elsewhere_of, first_order
 from lpvobs.discovery.fit import fit
-from lpvobs.discovery.healthy_drive import HealthyDrive, logs_of, memory, minutes_of, where_the_map_stands
+from lpvobs.discovery.healthy_drive import (
+    HealthyDrive,
+    by_constants,
+    logs_of,
+    memory,
+    minutes_of,
+    root_of_constants,
+    where_the_map_stands,
+    with_map,
+)
 from lpvobs.discovery.imbalances import imbalances_at, map_along, operating_nodes, scenes_with
+from lpvobs.discovery.noise import beyond_usual
 from lpvobs.discovery.residual import MapPrior, Problem, lay_out
 from lpvobs.engines.effects import SENSOR
 from lpvobs.engines.residual_model import ResidualModel
@@ -34,12 +44,20 @@ def learned(model: ResidualModel, grid: Grid, prior: MapPrior, logs: Sequence[Lo
     """
     names = tuple(log.name for log in logs)
     logs = halves(logs[0]) if len(logs) == 1 else logs
-    found, *without = learned_from(lay_out(model, grid, prior, logs), [log.name for log in logs])
+    each = [log.name for log in logs]
+    # The map needs no balance of exhaust and turbine: here all of them tell of the constants.
+    q = len(model.names)
+    deviation = fit(replace(where_the_map_stands(lay_out(model, grid, prior, logs)), modes=np.eye(q)), passes=3).beta[
+        :q
+    ]
+    there, prior = model.moved(deviation, model.covariance), prior.beside(deviation)
+    found, *without = learned_from(lay_out(there, grid, prior, logs), each)
     # of every drive, as the others see it: gradient and information of each effect, whole and late
     seen_by: list[dict[str, list[tuple[float, float]]]] = []
     data, uneven = [], [1.0]
     for log, seen in zip(logs, without, strict=True):
-        laid = seen.taken_off(lay_out(model, grid, prior, [log], spacing=seen.spacing))
+        engine = replace(there, covariance=seen.covariance)
+        laid = seen.taken_off(lay_out(engine, grid, prior, [log], spacing=seen.spacing))
         linear, middle = fit(laid, passes=2), 0.5 * float(laid.clock[0] + laid.clock[-1])
         spans = (-np.inf, np.inf), (middle, np.inf)
         seen_by.append({effect.id: first_order(linear, effect, *spans) for effect in laid.catalogue})
@@ -51,8 +69,9 @@ def learned(model: ResidualModel, grid: Grid, prior: MapPrior, logs: Sequence[Lo
     beyond = np.maximum(beyond, beyond_late) / float(np.mean(data))
     common = float(beyond.mean())
     return replace(
-        found, logs=names, effects=effects, whole=whole, late=late, beyond=beyond, common=common, uneven=max(uneven)
-    )
+        found, logs=names, deviation=deviation, effects=effects, whole=whole, late=late, beyond=beyond,
+        common=common, uneven=max(uneven),
+    )  # fmt: skip
 
 
 def halves(log: Log) -> list[Log]:
@@ -89,7 +108,7 @@ def beyond_noise(gradient: Array, information: Array) -> tuple[Array, Array]:
 
 
 def learned_from(problem: Problem, logs: Sequence[str]) -> tuple[HealthyDrive, ...]:
-    """Return what healthy drives show, laid out with the map and the engine that they made, and the same without each of them.
+    """Return what healthy drives show, laid out with their map and engine, and the same without each of them.
 
     The width of the bells is the best of some, the variances are the likeliest of all drives.
     """
@@ -98,6 +117,7 @@ def learned_from(problem: Problem, logs: Sequence[str]) -> tuple[HealthyDrive, .
     scenes = scenes_with(problem, (), np.zeros(problem.spread.size))
     left = imbalances_at(problem, scenes, np.zeros(problem.spread.size)).reshape(B, 2, K)
     left = left - (problem.by_reading * map_along(problem.prior.mean, operating_nodes(problem, scenes)))[:, None]
+    by_constant = with_map(problem, by_constants(problem)).reshape(-1, B, 2, K)
     found, shares = [], (_START,) * B
     for width in thresholds.BELL_WIDTHS:
         bare = _bare(problem, logs, width)
@@ -111,16 +131,20 @@ def learned_from(problem: Problem, logs: Sequence[str]) -> tuple[HealthyDrive, .
         found.append((sum(unlikely), bare, features, scale, shares))
     _, bare, features, scale, shares = min(found, key=lambda item: item[0])
 
-    told = [_told(problem, features, *row) for row in zip(problem.shown, left, scale, shares, strict=True)]
+    every = np.concatenate([left[None], by_constant]).swapaxes(0, 1)
+    told = [_told(problem, features, *row) for row in zip(problem.shown, every, scale, shares, strict=True)]
 
     def of(numbers: Sequence[int]) -> HealthyDrive:
         shown = problem.shown & np.isin(problem.of_log, numbers)
         own = _LearnedBalance(*map(np.array, zip(*(_learned(each, numbers) for each in told), strict=True)))
-        rest = _scales(left.mean(1) - own.weights @ features.mean(0).T, problem)
+        weights = own.weights[..., 0]
+        rest = _scales(left.mean(1) - weights @ features.mean(0).T, problem)
         return replace(
-            bare, logs=tuple(logs[i] for i in numbers), weights=own.weights, amplitude=own.amplitude, unsure=own.unsure,
+            bare, logs=tuple(logs[i] for i in numbers), weights=weights, by_constant=own.weights[..., 1:],
+            amplitude=own.amplitude, unsure=own.unsure,
             scale=np.array([np.median(row[on]) if on.any() else 1.0 for row, on in zip(rest, shown, strict=True)]),
             slow=own.slow, lasting=problem.spacing * own.lasting,
+            covariance=_known_to(problem.model, own.information.sum(0)),
         )  # fmt: skip
 
     everyone = range(len(logs))
@@ -128,11 +152,15 @@ def learned_from(problem: Problem, logs: Sequence[str]) -> tuple[HealthyDrive, .
 
 
 class _Told(NamedTuple):
-    """What each of L logs tells of the function in one balance, at the given variances, beside its own slow errors."""
+    """What each of L logs tells of the function in one balance, at the given variances, beside its own slow errors.
+
+    The first of 1 + n functions is what the balance leaves, the others are its derivatives by the engine's n constants.
+    """
 
     pieces: NDArray[np.int64]  # number of stretches of `PIECE`, (L,)
     precision: Array  # (L, m, m)
-    gradient: Array  # (L, m)
+    gradient: Array  # (L, m, 1 + n)
+    information: Array  # (L, n, n) products of the derivatives
     sizes: Array  # of the function and of the slow errors, (3,) [kg/s]
     lasting: float  # variance of the fast error over that of white noise
 
@@ -140,7 +168,8 @@ class _Told(NamedTuple):
 class _LearnedBalance(NamedTuple):
     """What is learned of one balance, or of each along a further axis."""
 
-    weights: Array
+    weights: Array  # (m, 1 + n)
+    information: Array  # (n, n) on the constants
     unsure: Array
     amplitude: Any
     lasting: Any
@@ -205,37 +234,59 @@ def _likeliest(
 def _told(
     problem: Problem, features: Array, shown: NDArray[np.bool_], left: Array, scale: Array, shares: Array
 ) -> _Told:
-    """Return what the instants at which a balance counts tell of its function; `features`, `left` are of both views.
+    """Return what the instants at which a balance counts tell of its functions, `left`, shape (1 + n, 2, K).
 
-    `shares` are the logarithms of the variances that means over `PIECE` show.
+    `features` and `left` are of both views, `shares` are the logarithms of the variances that means over `PIECE` show.
     """
     numbers, m = np.unique(problem.of_log), features.shape[2]
     lasting, *variances = np.exp(shares)
     sizes = (np.median(scale[shown]) if shown.any() else 1.0) * np.sqrt(variances)
     pieces = np.bincount(problem.of_log[shown][_pieces(problem, shown)], minlength=numbers.size)
-    precision, gradient = np.zeros((numbers.size, m, m)), np.zeros((numbers.size, m))
+    precision, gradient = np.zeros((numbers.size, m, m)), np.zeros((numbers.size, m, len(left)))
+    information = np.zeros((numbers.size, len(left) - 1, len(left) - 1))
     for i in numbers[pieces > 0]:
         on = shown & (problem.of_log == i)
         slow = np.hstack([np.full((on.sum(), 1), sizes[1]), sizes[2] * memory(problem, i)[on[problem.of_log == i]]])
         root = np.sqrt(0.5 / lasting) / np.tile(scale[on], 2)
         rows = root[:, None] * np.concatenate([np.hstack([sizes[0] * view[on], slow]) for view in features])
-        gram, seen = rows.T @ rows, rows.T @ (root * left[:, on].ravel())
-        of_slow = np.linalg.solve(gram[m:, m:] + np.eye(slow.shape[1]), gram[m:, :m]).T
-        precision[i] = gram[:m, :m] - of_slow @ gram[m:, :m]
-        gradient[i] = seen[:m] - of_slow @ seen[m:]
-    return _Told(pieces, precision, gradient, sizes, float(lasting))
+        y = root * left[..., on].reshape(len(left), -1)
+        gram, seen = rows.T @ rows, rows.T @ y.T
+        of_slow, seen_slow = np.hsplit(
+            np.linalg.solve(gram[m:, m:] + np.eye(slow.shape[1]), np.hstack([gram[m:, :m], seen[m:]])), [m]
+        )
+        precision[i] = gram[:m, :m] - gram[:m, m:] @ of_slow
+        gradient[i] = seen[:m] - gram[:m, m:] @ seen_slow
+        other = root * left[1:, ::-1, on].reshape(
+            len(left) - 1, y.shape[1]
+        )  # derivatives have the noise of their own view
+        information[i] = y[1:] @ other.T - seen[m:, 1:].T @ seen_slow[:, 1:]
+    return _Told(pieces, precision, gradient, information, sizes, float(lasting))
 
 
 def _learned(told: _Told, logs: Sequence[int]) -> _LearnedBalance:
     """Return what a balance leaves on some logs, as a function that is the same on all of them, and the errors beyond."""
-    m = told.gradient.shape[1]
+    m, functions = told.gradient.shape[1:]
     if told.pieces[logs].sum() < _LEAST_PIECES:
-        return _LearnedBalance(np.zeros(m), np.zeros((m, m)), 0.0, 1.0, np.zeros(2))
+        none = np.zeros((functions - 1, functions - 1))
+        return _LearnedBalance(np.zeros((m, functions)), none, np.zeros((m, m)), 0.0, 1.0, np.zeros(2))
     size, *slow = told.sizes
     factor = scipy.linalg.cholesky(told.precision[logs].sum(0) + np.eye(m), lower=True)
-    weights = size * scipy.linalg.cho_solve((factor, True), told.gradient[logs].sum(0))
+    gradient = told.gradient[logs].sum(0)
+    weights = scipy.linalg.cho_solve((factor, True), gradient)
+    information = told.information[logs].sum(0) - gradient[:, 1:].T @ weights[:, 1:]
     unsure = size * scipy.linalg.solve_triangular(factor, np.eye(m), lower=True).T  # U = L^-T, and U U^T = (L L^T)^-1
-    return _LearnedBalance(weights, unsure, float(size), told.lasting, np.array(slow))
+    return _LearnedBalance(size * weights, information, unsure, float(size), told.lasting, np.array(slow))
+
+
+def _known_to(model: ResidualModel, information: Array) -> Array:
+    """Return the covariance of q unknowns, (q, q), after information on the engine's n constants; corrections stay."""
+    root, n = root_of_constants(model), len(information)
+    strength, axes = np.linalg.eigh(root[:n].T @ information @ root[:n])
+    sizes = root @ axes
+    share = np.minimum(1.0 / (1.0 + np.maximum(strength, 0.0)) + thresholds.LEAST_LEFT**2, 1.0)
+    covariance = (sizes * share) @ sizes.T
+    covariance[n:, n:] = model.covariance[n:, n:]
+    return np.asarray(covariance)
 
 
 def _bare(problem: Problem, logs: Sequence[str], width: float) -> HealthyDrive:
@@ -247,7 +298,8 @@ def _bare(problem: Problem, logs: Sequence[str], width: float) -> HealthyDrive:
     bare = HealthyDrive(
         logs=tuple(logs), balances=problem.model.balances, channels=channels, rates=moving, middle=along.mean(0),
         spread=along.std(0), centres=np.zeros((0, len(channels))), width=width * float(np.sqrt(len(channels))),
-        weights=none, amplitude=none, scale=none, lasting=none, unsure=none, slow=none,
+        weights=none, by_constant=none, amplitude=none, deviation=np.zeros(len(problem.model.names)),
+        covariance=none, scale=none, lasting=none, unsure=none, slow=none,
         effects=(), whole=none, late=none, beyond=none,
     )  # fmt: skip
     visited = bare.inputs(problem)[0][problem.shown.any(axis=0), : len(channels)]
@@ -265,11 +317,13 @@ def _spread_out(x: Array, most: int) -> Array:
 
 
 def _scales(left: Array, problem: Problem) -> Array:
-    """Return the usual size of every balance's residual in its class of transience, (B, K) [kg/s], where the balance counts."""
+    """Return the usual size of every balance's residual in its class of transience, (B, K) [kg/s]; outliers have their own."""
     scale = np.ones(left.shape)
     for row, shown, own in zip(left, problem.shown, scale, strict=True):
         for each in np.unique(problem.transience[shown]):
             on = shown & (problem.transience == each)
             alike = on if on.sum() >= thresholds.LEAST_VISIT else shown
             own[on] = max(1.4826 * float(np.median(np.abs(row[alike] - np.median(row[shown])))), 1e-9)
+        if shown.any():
+            own[:] *= beyond_usual((row - np.median(row[shown])) / own)
     return scale

@@ -70,7 +70,10 @@ def shift(problem: Problem, s: Signals, beta: Array) -> Array:
         if level.name in problem.model.balances:
             by_day[problem.model.balances.index(level.name), problem.of_log == log] += size
     out = problem.offset - by_day
-    return out if problem.blocks is not None else np.tile(out, 2) - moved(problem, s)
+    if problem.blocks is not None:
+        return out
+    by_engine = 0.0 if problem.learned is None else np.tensordot(beta[: len(problem.learned)], problem.learned, 1)
+    return np.tile(out, 2) - moved(problem, s) - by_engine
 
 
 def moved(problem: Problem, s: Signals) -> Array:

@@ -14,7 +14,16 @@ from numpy.typing import NDArray
 
 from lpvobs.compiled import njit
 from lpvobs.discovery.residual import Problem
-from lpvobs.discovery.thresholds import AT_ONCE, FIRST_NOISE, LEAST_IN_CELL, MOST_STRETCHED, SHORT, SLOW, TRANSIENT
+from lpvobs.discovery.thresholds import (
+    AT_ONCE,
+    FIRST_NOISE,
+    LEAST_IN_CELL,
+    MOST_STRETCHED,
+    OUTLIER,
+    SHORT,
+    SLOW,
+    TRANSIENT,
+)
 from lpvobs.engines.healthy import TAIL
 from lpvobs.maps.excitation import cell_numbers
 from lpvobs.records import Array
@@ -162,9 +171,23 @@ def noise_of(problem: Problem, nodes: Nodes, raw: Array) -> Noise:
     """Return the noise as the residual of a model at its optimum shows it, shape (B, K)."""
     healthy = problem.model.healthy
     if healthy is None:
-        return Scatter(_own_scatter(problem, nodes, raw), problem.used)
+        root = _own_scatter(problem, nodes, raw)
+        if (
+            problem.modes is not None
+        ):  # against a fixed engine, one moment that no healthy drive showed would weigh as many
+            z = np.einsum("kab,bk->ak", root, np.where(problem.shown, raw, 0.0))
+            root /= beyond_usual(z).max(0)[:, None, None]
+        return Scatter(root, problem.used)
     z = raw / healthy.scales(problem.transience)
     return _remembered(problem, np.clip(np.sqrt((TAIL + z**2) / (TAIL + 1.0)), 1.0, MOST_STRETCHED))
+
+
+def beyond_usual(z: Array) -> Array:
+    """Return the factor on the scale of residuals, in units of their noise, that are larger than noise alone would make them.
+
+    It is one for all others: weights that depend on the noise bias the product of two views.
+    """
+    return np.maximum(np.abs(z) / OUTLIER, 1.0)
 
 
 def _remembered(problem: Problem, stretch: Array | float) -> Remembered:

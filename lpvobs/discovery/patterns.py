@@ -59,4 +59,5 @@ class Seeming:
     places: Mapping[str, float] = field(default_factory=dict)  # of a curve or a formula, by the place where it acts
     common: float = 0.0  # the same of all effects together, for any other place
     uneven: float = 1.0  # the largest variance over blocks of the score of an effect, over that of noise
-    degrees: float = np.inf  # drives that tell of it
+    degrees: float = np.inf  # drives that tell of it, those that the pooled variance counts as among them
+    drives: int = 0  # those drives alone

@@ -69,8 +69,9 @@ def is_relevant(candidate: Candidate, linear: Linear) -> bool:
 
 
 def least_gain(problem: Problem) -> float:
-    """Return the smallest gain that is relevant."""
-    return float(max(thresholds.LEAST_SHARE * 0.5 * problem.data, thresholds.PROVEN))
+    """Return the smallest gain that is relevant; what smoothing and the map leave is learned where healthy drives tell of it."""
+    share = 0.0 if problem.seeming.drives else thresholds.LEAST_SHARE
+    return float(max(share * 0.5 * problem.data, thresholds.PROVEN))
 
 
 def is_proven(candidate: Candidate, linear: Linear) -> bool:

@@ -28,6 +28,10 @@ class MapPrior:
     sensitivity: Array  # (p, q) [kg/s] derivative of the map by the relative error of each constant
     free: bool  # whether the map is estimated from these logs
 
+    def beside(self, deviation: Array) -> "MapPrior":
+        """Return the map beside an engine whose constants deviate by so much more, shape (q,)."""
+        return replace(self, mean=self.mean + self.sensitivity @ deviation)
+
     @cached_property
     def standard_error(self) -> Array:
         """Standard error of every node for given constants, shape (p,) [kg/s]."""
@@ -71,6 +75,9 @@ class Problem(Places):
     follows: Mapping[str, tuple[Array, Array]] = field(default_factory=dict)
     # (q, m) beside a healthy drive, combinations of the engine's unknowns: their sizes are the unknowns then
     modes: Array | None = None
+    learned: Array | None = (
+        None  # (m, B, 2K) beside a healthy drive, derivatives by these of what a healthy engine leaves
+    )
     held: "tuple[Term, ...]" = ()  # effects that are accounted for with fixed sizes
 
     @property

@@ -208,8 +208,8 @@ def chance_of_nothing(first: Linear, ranking: Sequence[Candidate]) -> float:
     formula has paid the price of its search.
     """
     problem, blocks = first.problem, first.problem.coarse_blocks
-    # In units of the variance by noise; where healthy drives tell of the error, `Candidate.told` has it.
-    wider = 1.0 if len(problem.patterns) else 1.0 + thresholds.MODEL_ERROR * problem.data
+    # In units of the variance by noise; where several healthy drives tell of the error, `Candidate.told` has it.
+    wider = 1.0 if problem.seeming.drives > 1 else 1.0 + thresholds.MODEL_ERROR * problem.data
     single = min(chance(c, problem, wider) for c in ranking)
     elsewhere = elsewhere_of(first) / problem.seeming.uneven
     uneven = float(scipy.stats.chi2.sf(elsewhere * blocks / wider, blocks)) * len(problem.carriers)
@@ -227,8 +227,8 @@ def _predicts_better(before: Linear, after: Linear) -> bool:
     if not len(after.problem.patterns):
         above = float(losses.before.sum()) - noise_power(after, losses.counted)
         return bool(gained > thresholds.MATTERS * max(above, 0.0))
-    matters = thresholds.MATTERS_BESIDE if before.terms else thresholds.MATTERS_LEARNED
-    return gained > matters * float(losses.before.sum()) and (not before.terms or _is_of_its_own(after, gained))
+    matters = thresholds.MATTERS_LEARNED * float(losses.before.sum())
+    return gained > matters and (not before.terms or _is_of_its_own(after, gained))
 
 
 def _is_of_its_own(linear: Linear, gained: float) -> bool:

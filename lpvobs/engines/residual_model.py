@@ -151,8 +151,12 @@ class ResidualModel:
 
     def restarted(self, deviation: Mapping[str, float], covariance: Array) -> "ResidualModel":
         """Return the model around other values of its unknowns: relative deviations, and their covariance around there, (q, q)."""
-        at, moved = self.with_unknowns, np.array([deviation.get(name, 0.0) for name in self.names])
-        further = {"constants": at(moved), "with_unknowns": lambda beta: at(self.both(moved, beta))}
+        return self.moved(np.array([deviation.get(name, 0.0) for name in self.names]), covariance)
+
+    def moved(self, deviation: Array, covariance: Array) -> "ResidualModel":
+        """Return the same from deviations of all unknowns, (q,)."""
+        at = self.with_unknowns
+        further = {"constants": at(deviation), "with_unknowns": lambda beta: at(self.both(deviation, beta))}
         return replace(self, covariance=covariance, **further)
 
     def both(self, first: Array, second: Array) -> Array:

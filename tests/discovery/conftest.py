@@ -26,8 +26,9 @@ def config():
 def record(config):
     """Return a function from an engine to its log over the first minutes of a cycle, seed fixed."""
 
-    def drive(engine=None, cycle="etc_part1", effects=()):
-        made = dict(simulate(engine or config.engine, config.simulation, cycle, seed=5, effects=effects).channels)
+    def drive(engine=None, cycle="etc_part1", effects=(), surface=None):
+        engine = engine or config.engine
+        made = dict(simulate(engine, config.simulation, cycle, seed=5, effects=effects, surface=surface).channels)
         keep = made["time"] < SECONDS
         channels = {name: made[name][keep] for name in Diesel.channels}
         N = int(keep.sum())
