@@ -1,10 +1,12 @@
 """What the balances leave on healthy drives, so that another drive is asked for what has changed.
 
-No engine is its model. What a balance leaves is a smooth function of the signals, the same on all drives, and errors that last all
-day, for minutes, or a few instants; their variances are those of largest likelihood. The function is taken off the residual of
-another drive. What is not known of it, and the slow errors, are unknowns of that drive's search with the covariance that healthy
-drives leave. So are those combinations of the engine's constants that the drive can show. The fast error widens the noise. Where
-an effect corrects a channel, the function goes along by its derivative.
+No engine is its model. The constants are those that all balances of the healthy drives show. What a balance leaves then is a
+smooth function of the signals, the same on all drives, and errors that last all day, for minutes, or a few instants; their
+variances are those of largest likelihood. The function is taken off the residual of another drive. What is not known of it, and
+the slow errors, are unknowns of that drive's search with the covariance that healthy drives leave. So are those combinations of
+the engine's constants that the drive can show; where the healthy drives have been, too, the function goes along with the
+constants, and their effect cancels. The fast error widens the noise. Where an effect corrects a channel, the function goes
+along by its derivative.
 
 The function is a Gaussian process: bells over the channels around instants of the healthy drives, and a line over their rates,
 since sensors that are slow when the engine is healthy stay slow. Where a drive goes elsewhere the bells end, and what the
