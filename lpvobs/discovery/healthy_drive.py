@@ -229,7 +229,7 @@ def root_of_constants(model: ResidualModel) -> Array:
     """Return a root of the covariance of the engine's n constants where corrections are as they are, shape (q, n)."""
     C, n = model.covariance, len(model.names) - model.adding
     variance, axes = np.linalg.eigh(C[:n, :n] - C[:n, n:] @ np.linalg.solve(C[n:, n:], C[n:, :n]))
-    return np.pad(axes * np.sqrt(np.maximum(variance, 0.0)), ((0, len(C) - n), (0, 0)))
+    return np.pad(axes * np.sqrt(np.maximum(variance, 0.0)), ((0, model.adding), (0, 0)))
 
 
 def by_constants(problem: Problem) -> Array:

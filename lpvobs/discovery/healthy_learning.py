@@ -1,7 +1,6 @@
 """What healthy drives teach: the function that balances leave on all of them, and the errors beyond, each with its size.
 
-The variances are those of largest likelihood, of means over some seconds. The function is the best for them at the instants. Each
-drive tells of it once, and what the other drives say is the sum without that one.
+The variances are those of largest likelihood, of means over some seconds. The function is the best for them at the instants.
 
 Each healthy drive is judged by the others, too: the size of an effect varies by more than noise, because what healthy drives leave
 differs from day to day. A fault must be larger.
@@ -42,22 +41,15 @@ def learned(model: ResidualModel, grid: Grid, prior: MapPrior, logs: Sequence[Lo
 
     A single drive is two for that, its halves: seen from itself, it would seem to have nothing.
     """
-    names = tuple(log.name for log in logs)
-    logs = halves(logs[0]) if len(logs) == 1 else logs
-    each = [log.name for log in logs]
-    # The map needs no balance of exhaust and turbine: here all of them tell of the constants.
-    q = len(model.names)
-    deviation = fit(replace(where_the_map_stands(lay_out(model, grid, prior, logs)), modes=np.eye(q)), passes=3).beta[
-        :q
-    ]
-    there, prior = model.moved(deviation, model.covariance), prior.beside(deviation)
-    found, *without = learned_from(lay_out(there, grid, prior, logs), each)
+    parts = halves(logs[0]) if len(logs) == 1 else list(logs)
     # of every drive, as the others see it: gradient and information of each effect, whole and late
     seen_by: list[dict[str, list[tuple[float, float]]]] = []
     data, uneven = [], [1.0]
-    for log, seen in zip(logs, without, strict=True):
-        engine = replace(there, covariance=seen.covariance)
-        laid = seen.taken_off(lay_out(engine, grid, prior, [log], spacing=seen.spacing))
+    for i, log in enumerate(parts):
+        seen = learned_from(model, grid, prior, parts[:i] + parts[i + 1 :])
+        laid = seen.taken_off(
+            lay_out(seen.engine(model), grid, prior.beside(seen.deviation), [log], spacing=seen.spacing)
+        )
         linear, middle = fit(laid, passes=2), 0.5 * float(laid.clock[0] + laid.clock[-1])
         spans = (-np.inf, np.inf), (middle, np.inf)
         seen_by.append({effect.id: first_order(linear, effect, *spans) for effect in laid.catalogue})
@@ -67,11 +59,22 @@ def learned(model: ResidualModel, grid: Grid, prior: MapPrior, logs: Sequence[Lo
     scores = np.array([[each[effect] for effect in effects] for each in seen_by])
     (whole, beyond), (late, beyond_late) = (beyond_noise(*scores[:, :, i].transpose(2, 0, 1)) for i in (0, 1))
     beyond = np.maximum(beyond, beyond_late) / float(np.mean(data))
-    common = float(beyond.mean())
+    found = learned_from(model, grid, prior, parts)
     return replace(
-        found, logs=names, deviation=deviation, effects=effects, whole=whole, late=late, beyond=beyond,
-        common=common, uneven=max(uneven),
+        found, logs=tuple(log.name for log in logs), effects=effects, whole=whole, late=late, beyond=beyond,
+        common=float(beyond.mean()), uneven=max(uneven),
     )  # fmt: skip
+
+
+def by_all_balances(model: ResidualModel, grid: Grid, prior: MapPrior, logs: Sequence[Log]) -> Array:
+    """Return by how much the engine's unknowns deviate from those that the map was estimated with, (q,), as all balances show them.
+
+    The map needs no balance of exhaust and turbine.
+    """
+    q, seconds = len(model.names), sum(float(log.time[-1] - log.time[0]) for log in logs)
+    spacing = max(thresholds.SPACING, seconds * q / thresholds.MOST_NUMBERS)
+    sound = where_the_map_stands(lay_out(model, grid, prior, logs, spacing=spacing))
+    return fit(replace(sound, modes=np.eye(q)), passes=3).beta[:q]
 
 
 def halves(log: Log) -> list[Log]:
@@ -107,17 +110,24 @@ def beyond_noise(gradient: Array, information: Array) -> tuple[Array, Array]:
     return np.sqrt(found * (1.0 / known).mean(0)), found
 
 
-def learned_from(problem: Problem, logs: Sequence[str]) -> tuple[HealthyDrive, ...]:
-    """Return what healthy drives show, laid out with their map and engine, and the same without each of them.
+def learned_from(model: ResidualModel, grid: Grid, prior: MapPrior, logs: Sequence[Log]) -> HealthyDrive:
+    """Return the engine that healthy drives show, and what it leaves on them; the map and the engine are those that they made.
 
     The width of the bells is the best of some, the variances are the likeliest of all drives.
     """
+    deviation = by_all_balances(model, grid, prior, logs)
+    there = model.moved(deviation, model.covariance)
+    problem = lay_out(there, grid, prior.beside(deviation), logs)
+    return replace(left_of(problem, [log.name for log in logs]), deviation=deviation)
+
+
+def left_of(problem: Problem, logs: Sequence[str]) -> HealthyDrive:
+    """Return what an engine leaves on healthy drives."""
     problem = where_the_map_stands(problem)
     B, K = problem.shown.shape
     scenes = scenes_with(problem, (), np.zeros(problem.spread.size))
     left = imbalances_at(problem, scenes, np.zeros(problem.spread.size)).reshape(B, 2, K)
     left = left - (problem.by_reading * map_along(problem.prior.mean, operating_nodes(problem, scenes)))[:, None]
-    by_constant = with_map(problem, by_constants(problem)).reshape(-1, B, 2, K)
     found, shares = [], (_START,) * B
     for width in thresholds.BELL_WIDTHS:
         bare = _bare(problem, logs, width)
@@ -130,39 +140,17 @@ def learned_from(problem: Problem, logs: Sequence[str]) -> tuple[HealthyDrive, .
             shares, weights, unlikely = zip(*(_likeliest(problem, middle, *row) for row in rows), strict=True)
         found.append((sum(unlikely), bare, features, scale, shares))
     _, bare, features, scale, shares = min(found, key=lambda item: item[0])
-
+    by_constant = with_map(problem, by_constants(problem)).reshape(-1, B, 2, K)
     every = np.concatenate([left[None], by_constant]).swapaxes(0, 1)
-    told = [_told(problem, features, *row) for row in zip(problem.shown, every, scale, shares, strict=True)]
-
-    def of(numbers: Sequence[int]) -> HealthyDrive:
-        shown = problem.shown & np.isin(problem.of_log, numbers)
-        own = _LearnedBalance(*map(np.array, zip(*(_learned(each, numbers) for each in told), strict=True)))
-        weights = own.weights[..., 0]
-        rest = _scales(left.mean(1) - weights @ features.mean(0).T, problem)
-        return replace(
-            bare, logs=tuple(logs[i] for i in numbers), weights=weights, by_constant=own.weights[..., 1:],
-            amplitude=own.amplitude, unsure=own.unsure,
-            scale=np.array([np.median(row[on]) if on.any() else 1.0 for row, on in zip(rest, shown, strict=True)]),
-            slow=own.slow, lasting=problem.spacing * own.lasting,
-            covariance=_known_to(problem.model, own.information.sum(0)),
-        )  # fmt: skip
-
-    everyone = range(len(logs))
-    return of(everyone), *(of([i for i in everyone if i != own]) for own in everyone)
-
-
-class _Told(NamedTuple):
-    """What each of L logs tells of the function in one balance, at the given variances, beside its own slow errors.
-
-    The first of 1 + n functions is what the balance leaves, the others are its derivatives by the engine's n constants.
-    """
-
-    pieces: NDArray[np.int64]  # number of stretches of `PIECE`, (L,)
-    precision: Array  # (L, m, m)
-    gradient: Array  # (L, m, 1 + n)
-    information: Array  # (L, n, n) products of the derivatives
-    sizes: Array  # of the function and of the slow errors, (3,) [kg/s]
-    lasting: float  # variance of the fast error over that of white noise
+    each = (_learned(problem, features, *row) for row in zip(problem.shown, every, scale, shares, strict=True))
+    own = _LearnedBalance(*map(np.array, zip(*each, strict=True)))
+    weights = own.weights[..., 0]
+    rest = _scales(left.mean(1) - weights @ features.mean(0).T, problem)
+    return replace(
+        bare, weights=weights, by_constant=own.weights[..., 1:], amplitude=own.amplitude, unsure=own.unsure,
+        scale=np.array([np.median(row[on]) if on.any() else 1.0 for row, on in zip(rest, problem.shown, strict=True)]),
+        slow=own.slow, lasting=problem.spacing * own.lasting, covariance=_known_to(problem.model, own.information.sum(0)),
+    )  # fmt: skip
 
 
 class _LearnedBalance(NamedTuple):
@@ -231,51 +219,38 @@ def _likeliest(
     return best.x, usual * (S * sizes)[:m], float(best.fun)
 
 
-def _told(
+def _learned(
     problem: Problem, features: Array, shown: NDArray[np.bool_], left: Array, scale: Array, shares: Array
-) -> _Told:
-    """Return what the instants at which a balance counts tell of its functions, `left`, shape (1 + n, 2, K).
+) -> _LearnedBalance:
+    """Return what a balance leaves where it counts, as a function that is the same on all logs, and the errors beyond.
 
-    `features` and `left` are of both views, `shares` are the logarithms of the variances that means over `PIECE` show.
+    `left` has shape (1 + n, 2, K): what the balance leaves, and its derivatives by the engine's n constants. `features` and `left`
+    are of both views, `shares` are the logarithms of the variances that means over `PIECE` show.
     """
-    numbers, m = np.unique(problem.of_log), features.shape[2]
+    m, n, pieces = features.shape[2], len(left) - 1, problem.of_log[shown][_pieces(problem, shown)]
+    if pieces.size < _LEAST_PIECES:
+        return _LearnedBalance(np.zeros((m, 1 + n)), np.zeros((n, n)), np.zeros((m, m)), 0.0, 1.0, np.zeros(2))
     lasting, *variances = np.exp(shares)
-    sizes = (np.median(scale[shown]) if shown.any() else 1.0) * np.sqrt(variances)
-    pieces = np.bincount(problem.of_log[shown][_pieces(problem, shown)], minlength=numbers.size)
-    precision, gradient = np.zeros((numbers.size, m, m)), np.zeros((numbers.size, m, len(left)))
-    information = np.zeros((numbers.size, len(left) - 1, len(left) - 1))
-    for i in numbers[pieces > 0]:
+    size, *slow = np.median(scale[shown]) * np.sqrt(variances)
+    precision, gradient, information = np.eye(m), np.zeros((m, 1 + n)), np.zeros((n, n))
+    for i in np.unique(pieces):
         on = shown & (problem.of_log == i)
-        slow = np.hstack([np.full((on.sum(), 1), sizes[1]), sizes[2] * memory(problem, i)[on[problem.of_log == i]]])
+        own = np.hstack([np.full((on.sum(), 1), slow[0]), slow[1] * memory(problem, i)[on[problem.of_log == i]]])
         root = np.sqrt(0.5 / lasting) / np.tile(scale[on], 2)
-        rows = root[:, None] * np.concatenate([np.hstack([sizes[0] * view[on], slow]) for view in features])
-        y = root * left[..., on].reshape(len(left), -1)
+        rows = root[:, None] * np.concatenate([np.hstack([size * view[on], own]) for view in features])
+        y = root * left[..., on].reshape(1 + n, -1)
+        # The noise of derivatives is that of their own view.
+        other = root * left[1:, ::-1, on].reshape(n, y.shape[1])
         gram, seen = rows.T @ rows, rows.T @ y.T
-        of_slow, seen_slow = np.hsplit(
-            np.linalg.solve(gram[m:, m:] + np.eye(slow.shape[1]), np.hstack([gram[m:, :m], seen[m:]])), [m]
-        )
-        precision[i] = gram[:m, :m] - gram[:m, m:] @ of_slow
-        gradient[i] = seen[:m] - gram[:m, m:] @ seen_slow
-        other = root * left[1:, ::-1, on].reshape(
-            len(left) - 1, y.shape[1]
-        )  # derivatives have the noise of their own view
-        information[i] = y[1:] @ other.T - seen[m:, 1:].T @ seen_slow[:, 1:]
-    return _Told(pieces, precision, gradient, information, sizes, float(lasting))
-
-
-def _learned(told: _Told, logs: Sequence[int]) -> _LearnedBalance:
-    """Return what a balance leaves on some logs, as a function that is the same on all of them, and the errors beyond."""
-    m, functions = told.gradient.shape[1:]
-    if told.pieces[logs].sum() < _LEAST_PIECES:
-        none = np.zeros((functions - 1, functions - 1))
-        return _LearnedBalance(np.zeros((m, functions)), none, np.zeros((m, m)), 0.0, 1.0, np.zeros(2))
-    size, *slow = told.sizes
-    factor = scipy.linalg.cholesky(told.precision[logs].sum(0) + np.eye(m), lower=True)
-    gradient = told.gradient[logs].sum(0)
+        known = np.linalg.solve(gram[m:, m:] + np.eye(own.shape[1]), np.hstack([gram[m:, :m], seen[m:]]))
+        precision += gram[:m, :m] - gram[:m, m:] @ known[:, :m]
+        gradient += seen[:m] - gram[:m, m:] @ known[:, m:]
+        information += y[1:] @ other.T - seen[m:, 1:].T @ known[:, m + 1 :]
+    factor = scipy.linalg.cholesky(precision, lower=True)
     weights = scipy.linalg.cho_solve((factor, True), gradient)
-    information = told.information[logs].sum(0) - gradient[:, 1:].T @ weights[:, 1:]
+    information -= gradient[:, 1:].T @ weights[:, 1:]
     unsure = size * scipy.linalg.solve_triangular(factor, np.eye(m), lower=True).T  # U = L^-T, and U U^T = (L L^T)^-1
-    return _LearnedBalance(size * weights, information, unsure, float(size), told.lasting, np.array(slow))
+    return _LearnedBalance(size * weights, information, unsure, float(size), float(lasting), np.array(slow))
 
 
 def _known_to(model: ResidualModel, information: Array) -> Array:

@@ -15,11 +15,10 @@ from lpvobs.discovery.healthy_learning import (
     _learned,
     _likeliest,
     _scales,
-    _told,
     beyond_noise,
     halves,
     learned,
-    learned_from,
+    left_of,
 )
 from lpvobs.discovery.imbalances import (
     by_unknowns,
@@ -68,7 +67,7 @@ def other(clean):
 
 @pytest.fixture(scope="module")
 def healthy(plant, config, prior, other):
-    return learned_from(lay_out(plant, config.grid(), prior, [other(1)]), ["drive1"])[0]
+    return left_of(lay_out(plant, config.grid(), prior, [other(1)]), ["drive1"])
 
 
 @pytest.mark.parametrize("channel", ["p_em", "n_e"])
@@ -118,9 +117,7 @@ def test_it_comes_back_from_a_file_as_it_was(healthy, tmp_path):
 
 def of_balance(problem, features, shown, left, scale):
     shares, _, _ = _likeliest(problem, features.mean(0), shown, left.mean(0), scale)
-    return _learned(
-        _told(problem, features, shown, np.broadcast_to(left, (1, 2, left.shape[-1])), scale, shares), range(1)
-    )
+    return _learned(problem, features, shown, np.broadcast_to(left, (1, 2, left.shape[-1])), scale, shares)
 
 
 def test_the_function_is_told_from_errors_that_last_and_those_that_do_not(laid_out, clean):
@@ -176,7 +173,7 @@ def test_nothing_is_learned_or_judged_where_the_map_was_not_estimated(plant, con
     unknown = np.arange(grid.size) % grid.fuel.size < 4
     wrong = np.interp(clean["u_delta"], (grid.fuel[2], grid.fuel[3]), (1.6, 1.0))
     part = replace(prior, precision=np.diag(np.where(unknown, 1.0, 1.0 / 0.002**2)))
-    learned, right = (learned_from(lay_out(plant, grid, part, [other(1, x)]), ["drive1"])[0] for x in (wrong, 1.0))
+    learned, right = (left_of(lay_out(plant, grid, part, [other(1, x)]), ["drive1"]) for x in (wrong, 1.0))
     np.testing.assert_allclose(learned.scale, right.scale, rtol=0.1)  # windows of the nearest instants reach the others
     np.testing.assert_allclose(learned.amplitude, right.amplitude, rtol=0.1)
     judged = learned.taken_off(lay_out(plant, grid, part, [other(2, wrong)]))
