@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import scipy
 
-from lpvobs.discovery import evidence
+from lpvobs.discovery import evidence, healthy_learning
 from lpvobs.discovery.evidence import fit_candidate
 from lpvobs.discovery.fit import fit
 from lpvobs.discovery.healthy_drive import root_of_constants
@@ -30,10 +30,11 @@ from lpvobs.discovery.imbalances import (
     residual_of,
     scenes_with,
 )
+from lpvobs.discovery.ranking import least_gain
 from lpvobs.discovery.refine import refine
 from lpvobs.discovery.residual import MapPrior, Term, lay_out
-from lpvobs.discovery.select import _beside_itself
-from lpvobs.discovery.thresholds import SHAPE, TOLD
+from lpvobs.discovery.select import _beside_itself, chance_of_nothing
+from lpvobs.discovery.thresholds import PROVEN, SHAPE, TOLD
 from lpvobs.io.results.mapping import read, write
 from lpvobs.simulation.parameters import ErrorSurface
 
@@ -261,6 +262,48 @@ def test_constants_that_balances_show_are_taken_from_healthy_drives(plant, confi
         for engine, deviation in ((model, 0.0 * right), (found.engine(model), found.deviation), (plant, right))
     ]
     assert np.all(elsewhere[1] < 0.2 * elsewhere[0] + 2.0 * elsewhere[2])
+
+
+def test_a_healthy_drive_is_judged_by_an_engine_that_it_did_not_make(plant, config, prior, other, monkeypatch):
+    """With constants and corrections that all drives had made, each seemed sound, and a day like another was called faulty."""
+    found, made = healthy_learning.by_all_balances, []
+
+    def recorded(model, grid, prior, logs):
+        made.append([log.name for log in logs])
+        return found(model, grid, prior, logs)
+
+    monkeypatch.setattr(healthy_learning, "by_all_balances", recorded)
+    learned(plant, config.grid(), prior, [other(1), other(2), other(3)])
+    assert made == [["drive2", "drive3"], ["drive1", "drive3"], ["drive1", "drive2"], ["drive1", "drive2", "drive3"]]
+
+
+def test_an_engine_with_many_unknowns_is_asked_at_fewer_instants(plant, config, prior, clean, monkeypatch):
+    """A calibrated engine has hundreds, and an hour of drives took 3 GB."""
+    laid, few = [], 2000
+    monkeypatch.setattr(healthy_learning, "fit", lambda problem, **_: laid.append(problem) or linear_at_zero(problem))
+    healthy_learning.by_all_balances(plant, config.grid(), prior, [clean])
+    monkeypatch.setattr(healthy_learning.thresholds, "MOST_NUMBERS", float(few * len(plant.names)))
+    healthy_learning.by_all_balances(plant, config.grid(), prior, [clean])
+    assert laid[1].K <= few < laid[0].K
+
+
+def linear_at_zero(problem):
+    return SimpleNamespace(beta=np.zeros(problem.spread.size))
+
+
+def test_one_healthy_drive_cannot_tell_how_much_days_differ(healthy, plant, config, prior, other):
+    """After it, half of the sound drives that were called faulty had a `p_value` of some ten thousandths."""
+    several = replace(healthy, logs=("a", "b"))
+    log = other(2, 1.02)
+    chances, least = [], []
+    for each in (healthy, several):
+        linear = fit(each.taken_off(lay_out(plant, config.grid(), prior, [log])))
+        gain = fit_candidate(linear, plant.effect("maf.gain"))
+        chances.append(chance_of_nothing(linear, [gain]))
+        least.append(least_gain(linear.problem))
+    assert chances[0] > 10.0 * chances[1]
+    assert least == [PROVEN, PROVEN]
+    assert least_gain(lay_out(plant, config.grid(), prior, [log])) > PROVEN  # what the map leaves is not known there
 
 
 def test_what_is_not_known_of_the_engine_stays_so_as_far_as_a_drive_tells(healthy, plant, config, prior, other):

@@ -114,6 +114,16 @@ def _like(linear, one):
     return Candidate(Term(one, one.null), 0.0, 1.0, 1.0, np.zeros(linear.problem.first.size), 1.0, False, 1.0)
 
 
+def test_a_fit_that_begins_far_from_its_optimum_ends_there(laid_out, clean, plant):
+    """Full steps jumped to and fro across the stall of the compressor."""
+    shifted = replace(clean, channels={**clean.channels, "p_im": clean["p_im"] * 0.96})
+    p_im = plant.effect("p_im.gain")
+    start = fit(laid_out(shifted))
+    far, near = (refit(start, [Term(p_im, size)]) for size in (1.0, 0.96))
+    assert far.terms[0].size == pytest.approx(near.terms[0].size, abs=2e-3)
+    assert objective(far) < objective(near) + 2.0  # nats: steps end within one
+
+
 def test_a_stretch_in_which_an_effect_begins_is_not_judged(linear):
     problem = linear.problem
     clock = problem.clock

@@ -7,6 +7,7 @@ import pytest
 
 from lpvobs.discovery.imbalances import operating_nodes, scenes_with
 from lpvobs.discovery.noise import Remembered, noise_of
+from lpvobs.discovery.thresholds import OUTLIER
 
 ROUNDING = 1e-9
 B, K = 2, 30
@@ -86,3 +87,18 @@ def test_a_balance_that_counts_at_a_third_of_the_places_has_the_noise_of_these(l
         for white, on in zip(noise_of(part, nodes, heard).whiten(heard)[:2], shown[:2], strict=True)
     )
     assert np.mean(some**2) == pytest.approx(np.mean(always**2), rel=0.15)  # three standard errors
+
+
+def test_a_moment_that_no_healthy_drive_showed_weighs_as_if_it_were_four_deviations_off(laid_out, clean):
+    """One instant of exhaust that ran backwards named a curve of the EGR valve, with p = 1e-137."""
+    problem = laid_out(clean)
+    beside = replace(problem, modes=np.eye(len(problem.model.names)))
+    nodes = operating_nodes(problem, scenes_with(problem, (), np.zeros(problem.spread.size)))
+    raw = 1e-3 * np.random.default_rng(9).standard_normal(problem.shown.shape)
+    k = int(np.flatnonzero(problem.used)[100])
+    raw[0, k] = 0.1
+    far, near = (np.abs(noise_of(each, nodes, raw).whiten(raw)) for each in (problem, beside))
+    assert far[0, k] > 2.0 * OUTLIER
+    assert near[0, k] == pytest.approx(OUTLIER)
+    usual = far.max(0) <= OUTLIER
+    np.testing.assert_array_equal(near[:, usual], far[:, usual])  # weights that follow the noise would bias it
