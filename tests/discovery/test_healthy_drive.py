@@ -1,6 +1,7 @@
 """What a healthy drive leaves cancels on another one, and what has changed since is found."""
 
 from dataclasses import fields, replace
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
