@@ -72,7 +72,7 @@ def by_all_balances(model: ResidualModel, grid: Grid, prior: MapPrior, logs: Seq
     The map needs no balance of exhaust and turbine.
     """
     q, seconds = len(model.names), sum(float(log.time[-1] - log.time[0]) for log in logs)
-    spacing = max(thresholds.SPACING, seconds * q / thresholds.MOST_NUMBERS)
+    spacing = max(thresholds.SPACING, seconds / thresholds.MOST_ASKED)
     sound = where_the_map_stands(lay_out(model, grid, prior, logs, spacing=spacing))
     return fit(replace(sound, modes=np.eye(q)), passes=3).beta[:q]
 

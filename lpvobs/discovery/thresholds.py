@@ -65,9 +65,9 @@ AT_ONCE = 0.25
 """[1] Share of the fast error that is new in every block. Set by trial on the same recording."""
 SLOW = 100.0
 """[s] Time constant with which the slow error of a learned model decays. Set by trial on the same recording."""
-MOST_NUMBERS = 5e5
-"""[1] Largest number of instants times unknowns when healthy drives tell of the engine. Set by memory: a calibrated engine has
-hundreds of unknowns, and took 3 GB with an hour of drives."""
+MOST_ASKED = 2000.0
+"""[1] Largest number of instants at which healthy drives are asked for the engine's constants. Set by time and memory: a calibrated
+engine has hundreds of unknowns, and took 3 GB with all instants of an hour."""
 LEAST_LEFT = 1.0 / 3.0
 """[1] Share of a prior's standard deviation that an estimate, a refinement or a healthy drive leaves at least. Set by choice: their
 own interval is of a model that is linear around its optimum, and of noise that is less independent than it assumes."""
