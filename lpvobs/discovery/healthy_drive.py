@@ -170,6 +170,7 @@ class HealthyDrive:
             prior=replace(problem.prior, sensitivity=problem.prior.sensitivity @ modes),
             offset=problem.offset - expected,
             learned=learned,
+            bounded=True,
             lasting=problem.lasting * wider,
             patterns=patterns,
             seeming=self._seeming(problem),

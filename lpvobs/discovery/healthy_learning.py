@@ -74,7 +74,7 @@ def by_all_balances(model: ResidualModel, grid: Grid, prior: MapPrior, logs: Seq
     q, seconds = len(model.names), sum(float(log.time[-1] - log.time[0]) for log in logs)
     spacing = max(thresholds.SPACING, seconds / thresholds.MOST_ASKED)
     sound = where_the_map_stands(lay_out(model, grid, prior, logs, spacing=spacing))
-    return fit(replace(sound, modes=np.eye(q)), passes=3).beta[:q]
+    return fit(replace(sound, bounded=True), passes=3).beta[:q]
 
 
 def halves(log: Log) -> list[Log]:
@@ -111,10 +111,7 @@ def beyond_noise(gradient: Array, information: Array) -> tuple[Array, Array]:
 
 
 def learned_from(model: ResidualModel, grid: Grid, prior: MapPrior, logs: Sequence[Log]) -> HealthyDrive:
-    """Return the engine that healthy drives show, and what it leaves on them; the map and the engine are those that they made.
-
-    The width of the bells is the best of some, the variances are the likeliest of all drives.
-    """
+    """Return the engine that healthy drives show, and what it leaves on them; map and model are those that they made."""
     deviation = by_all_balances(model, grid, prior, logs)
     there = model.moved(deviation, model.covariance)
     problem = lay_out(there, grid, prior.beside(deviation), logs)
@@ -122,7 +119,10 @@ def learned_from(model: ResidualModel, grid: Grid, prior: MapPrior, logs: Sequen
 
 
 def left_of(problem: Problem, logs: Sequence[str]) -> HealthyDrive:
-    """Return what an engine leaves on healthy drives."""
+    """Return what an engine leaves on healthy drives.
+
+    The width of the bells is the best of some, the variances are the likeliest of all drives.
+    """
     problem = where_the_map_stands(problem)
     B, K = problem.shown.shape
     scenes = scenes_with(problem, (), np.zeros(problem.spread.size))

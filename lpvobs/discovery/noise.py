@@ -172,9 +172,7 @@ def noise_of(problem: Problem, nodes: Nodes, raw: Array) -> Noise:
     healthy = problem.model.healthy
     if healthy is None:
         root = _own_scatter(problem, nodes, raw)
-        if (
-            problem.modes is not None
-        ):  # against a fixed engine, one moment that no healthy drive showed would weigh as many
+        if problem.bounded:
             z = np.einsum("kab,bk->ak", root, np.where(problem.shown, raw, 0.0))
             root /= beyond_usual(z).max(0)[:, None, None]
         return Scatter(root, problem.used)

@@ -75,9 +75,11 @@ class Problem(Places):
     follows: Mapping[str, tuple[Array, Array]] = field(default_factory=dict)
     # (q, m) beside a healthy drive, combinations of the engine's unknowns: their sizes are the unknowns then
     modes: Array | None = None
-    learned: Array | None = (
-        None  # (m, B, 2K) beside a healthy drive, derivatives by these of what a healthy engine leaves
-    )
+    # (m, B, 2K) beside a healthy drive, derivatives of what a healthy engine leaves by these sizes
+    learned: Array | None = None
+    # whether an instant that is off by more than `OUTLIER` weighs as if it stood there: beside healthy drives, one moment that
+    # none of them showed would weigh as much as many
+    bounded: bool = False
     held: "tuple[Term, ...]" = ()  # effects that are accounted for with fixed sizes
 
     @property

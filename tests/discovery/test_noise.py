@@ -92,7 +92,7 @@ def test_a_balance_that_counts_at_a_third_of_the_places_has_the_noise_of_these(l
 def test_a_moment_that_no_healthy_drive_showed_weighs_as_if_it_were_four_deviations_off(laid_out, clean):
     """One instant of exhaust that ran backwards named a curve of the EGR valve, with p = 1e-137."""
     problem = laid_out(clean)
-    beside = replace(problem, modes=np.eye(len(problem.model.names)))
+    beside = replace(problem, bounded=True)
     nodes = operating_nodes(problem, scenes_with(problem, (), np.zeros(problem.spread.size)))
     raw = 1e-3 * np.random.default_rng(9).standard_normal(problem.shown.shape)
     k = int(np.flatnonzero(problem.used)[100])
