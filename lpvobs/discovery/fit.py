@@ -56,8 +56,9 @@ def linearised(
     raw = imbalances.views(each, problem.K)
     raw[0] -= problem.by_reading * imbalances.map_along(theta, nodes)
     derivatives = imbalances.by_unknowns(problem, scenes, terms, beta, each) if near is None else near.by_unknowns
-    known = near is not None and near.noise is noise and near.problem is problem
-    white = near.columns[: len(derivatives)] if near is not None and known else noise.whiten(derivatives)
+    alike = near if near is not None and near.noise is noise and near.problem is problem else None
+    white = noise.whiten(derivatives) if alike is None else alike.columns[: len(derivatives)]
+    there = alike if alike is not None and _equal(nodes, alike.nodes) else None  # where nothing of the map changes
     if terms:
         white = np.concatenate([white, noise.whiten(_by_terms(problem, terms, beta, theta, nodes))])
     straight = raw.copy()
@@ -79,15 +80,15 @@ def linearised(
         residual=residual,
         by_unknowns=derivatives,
         columns=white,
-        mapped=noise.whiten(problem.by_reading),
-        dense=None if isinstance(noise, Scatter) else _map_columns(problem, noise, nodes),
+        mapped=noise.whiten(problem.by_reading) if alike is None else alike.mapped,
+        dense=_map_columns(problem, noise, nodes) if there is None else there.dense,
         gram=prior,
         normal=prior,
         factor=prior,
         gradient=deviation,
         newton_step=deviation,
     )
-    gram = _gram(bare, near if known else None)
+    gram = normal_of(bare) if there is None else _gram(bare, there)
     normal = gram + prior + pins(bare)
     factor = cholesky(normal)
     gradient = bare.products(residual) + prior @ deviation
@@ -95,10 +96,13 @@ def linearised(
     return replace(bare, gram=gram, normal=normal, factor=factor, gradient=gradient, newton_step=newton_step)
 
 
-def _gram(bare: Linear, near: Linear | None) -> Array:
-    """Return the products of all columns; those of map and unknowns are the same in a nearby model with the same weights."""
-    if near is None or not all(np.array_equal(a, b) for a, b in zip(bare.nodes, near.nodes, strict=True)):
-        return normal_of(bare)
+def _equal(one: imbalances.Nodes, other: imbalances.Nodes) -> bool:
+    """Return whether two models have the same operating points."""
+    return all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))
+
+
+def _gram(bare: Linear, near: Linear) -> Array:
+    """Return the products of all columns; those of map and unknowns are the same as in a nearby model."""
     known, n = bare.p + bare.beta.size, bare.newton_step.size
     gram = np.zeros((n, n))
     gram[:known, :known] = near.gram[:known, :known]
@@ -107,8 +111,10 @@ def _gram(bare: Linear, near: Linear | None) -> Array:
     return gram
 
 
-def _map_columns(problem: Problem, noise: Noise, nodes: imbalances.Nodes) -> Array:
-    """Return the whitened trace of every node of the map, shape (p, B, K)."""
+def _map_columns(problem: Problem, noise: Noise, nodes: imbalances.Nodes) -> Array | None:
+    """Return the whitened trace of every node of the map, shape (p, B, K); none where noise is independent from place to place."""
+    if isinstance(noise, Scatter):
+        return None
     weights = np.zeros((problem.grid.size, problem.K))
     for m in range(4):
         np.add.at(weights, (nodes[0][:, m], np.arange(problem.K)), nodes[1][:, m])

@@ -196,14 +196,15 @@ def _remembered(problem: Problem, stretch: Array | float) -> Remembered:
     B, K = len(model.balances), problem.K
     order = np.flatnonzero(problem.shown.T.ravel())
     place, balance = np.divmod(order, B)
-    t = problem.clock[place]
-    distance = np.abs(t[:, None] - t[None])
     scale = (healthy.scales(problem.transience) * stretch).T.ravel()[order]
-    same = place[:, None] == place[None]
-    memory = np.where(same, 1.0, (1.0 - AT_ONCE) * np.exp(-distance / SHORT))
-    covariance = healthy.together[np.ix_(balance, balance)] * np.outer(scale, scale) * memory
-    one_course = (balance[:, None] == balance[None]) & (problem.of_log[place][:, None] == problem.of_log[place][None])
-    covariance += np.where(one_course, healthy.slow[balance][:, None] ** 2 * np.exp(-distance / SLOW), 0.0)
+    pairs, distance = np.ix_(place, place), np.abs(problem.clock[:, None] - problem.clock[None])
+    memory = (1.0 - AT_ONCE) * np.exp(-distance / SHORT)
+    np.fill_diagonal(memory, 1.0)
+    covariance = healthy.together[np.ix_(balance, balance)] * np.outer(scale, scale) * memory[pairs]
+    lasting = np.where(problem.of_log[:, None] == problem.of_log[None], np.exp(-distance / SLOW), 0.0)
+    for each in range(B):
+        one = np.flatnonzero(balance == each)
+        covariance[np.ix_(one, one)] += healthy.slow[each] ** 2 * lasting[np.ix_(place[one], place[one])]
     if model.blur is not None:
         more = model.blur(model.constants, problem.signals, problem.blocks).T.ravel()[order]
         covariance[np.arange(order.size), np.arange(order.size)] += more**2
