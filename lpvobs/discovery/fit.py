@@ -56,9 +56,10 @@ def linearised(
     raw = imbalances.views(each, problem.K)
     raw[0] -= problem.by_reading * imbalances.map_along(theta, nodes)
     derivatives = imbalances.by_unknowns(problem, scenes, terms, beta, each) if near is None else near.by_unknowns
-    alike = near if near is not None and near.noise is noise and near.problem is problem else None
-    white = noise.whiten(derivatives) if alike is None else alike.columns[: len(derivatives)]
-    there = alike if alike is not None and _equal(nodes, alike.nodes) else None  # where nothing of the map changes
+    # what a nearby model with the same weights has whitened is not whitened again, the map only at other operating points
+    weighed = near if near is not None and near.noise is noise and near.problem is problem else None
+    white = noise.whiten(derivatives) if weighed is None else weighed.columns[: len(derivatives)]
+    same_map = weighed if weighed is not None and _equal(nodes, weighed.nodes) else None
     if terms:
         white = np.concatenate([white, noise.whiten(_by_terms(problem, terms, beta, theta, nodes))])
     straight = raw.copy()
@@ -80,15 +81,15 @@ def linearised(
         residual=residual,
         by_unknowns=derivatives,
         columns=white,
-        mapped=noise.whiten(problem.by_reading) if alike is None else alike.mapped,
-        dense=_map_columns(problem, noise, nodes) if there is None else there.dense,
+        mapped=noise.whiten(problem.by_reading) if weighed is None else weighed.mapped,
+        dense=_map_columns(problem, noise, nodes) if same_map is None else same_map.dense,
         gram=prior,
         normal=prior,
         factor=prior,
         gradient=deviation,
         newton_step=deviation,
     )
-    gram = normal_of(bare) if there is None else _gram(bare, there)
+    gram = normal_of(bare) if same_map is None else _gram(bare, same_map)
     normal = gram + prior + pins(bare)
     factor = cholesky(normal)
     gradient = bare.products(residual) + prior @ deviation

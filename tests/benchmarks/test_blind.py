@@ -1,4 +1,4 @@
-"""A small fixed part of the blind bank (`make blind` runs the whole of it): two of its logs."""
+"""A small fixed part of the blind bank (`make blind` runs the whole of it): one log of every kind."""
 
 import json
 import os
@@ -8,8 +8,8 @@ import sys
 import pytest
 from repository import ROOT
 
-NUMBERS = ("0", "23")
-"""Clean, and a pair, which is judged by each effect alone, too. Drives of other kinds are in `discovery` and `measured`."""
+NUMBERS = ("0", "10", "23", "26", "28")
+"""Clean, one effect, a pair, driven by a logged channel, driven by nothing logged."""
 
 
 def run(*arguments, **environment):
@@ -19,14 +19,14 @@ def run(*arguments, **environment):
 
 
 @pytest.mark.slow
-def test_a_clean_log_and_a_pair_are_judged_rightly(tmp_path):
+def test_one_log_of_every_kind_is_judged_rightly(tmp_path):
     done = run("--engine", "diesel", "--only", *NUMBERS, "--folder", tmp_path)
     assert done.returncode == 0, done.stderr
     rates = {rate["what"]: rate for rate in json.loads((tmp_path / "rates_1.json").read_text())["diesel"]}
-    for what in ("pair", "clean"):
+    for what in ("single effect", "pair", "driven by a logged channel", "driven by nothing logged", "clean"):
         (rate,) = (rate for name, rate in rates.items() if name.startswith(what))
         assert (rate["seen"], rate["of"]) == (1, 1), done.stdout
-    assert "pair" in (tmp_path / "1" / "diesel" / "truth.json").read_text()
+    assert "unlogged" in (tmp_path / "1" / "diesel" / "truth.json").read_text()
 
 
 def test_without_recordings_the_throttled_drives_are_left_out_and_said_to_be(tmp_path):

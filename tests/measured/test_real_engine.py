@@ -35,13 +35,6 @@ def traced(folder):
     return lambda name: lpvobs.trace(folder / "healthy.h5", folder / f"{name}.parquet").found
 
 
-@pytest.fixture(scope="session")
-def refined(folder):
-    """Return what `refine` says of the sensor that reads a tenth too much, its map estimated again in `refined.h5`."""
-    log = folder / "wltp_f_waf_110.parquet"
-    return lpvobs.refine(folder / "healthy.h5", log, folder / "refined.h5", freeze_map=False)
-
-
 def test_the_balances_hold_on_parts_that_taught_nothing(folder):
     # As the record of the data says: a flexible model reaches 6 %, speed-density 4 % robustly; physics ought to be better.
     throttle, filling, fuel, ambient = known_engine(read_result(folder / "healthy.h5")).healthy.rms
@@ -65,10 +58,9 @@ def test_nothing_is_found_before_the_fault_begins(folder, traced, name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FAULTS)
-def test_a_fault_that_somebody_built_in_is_named_sized_and_dated(request, traced, name):
+def test_a_fault_that_somebody_built_in_is_named_sized_and_dated(traced, name):
     expected, factor = FAULTS[name]
-    # One of them by `refine`, which searches as `trace` does and is needed below.
-    found = request.getfixturevalue("refined").found if name == "wltp_f_waf_110" else traced(name)
+    found = traced(name)
     assert [item.id for item in found.findings] == [expected]
     (size,) = found.findings[0].parameters.values()
     if factor is not None:
@@ -82,7 +74,10 @@ def test_a_fault_that_somebody_built_in_is_named_sized_and_dated(request, traced
 
 
 @pytest.mark.slow
-def test_a_refined_model_of_the_real_engine_has_its_map_estimated_again(folder, refined):
+def test_a_refined_model_of_the_real_engine_has_its_map_estimated_again(folder):
+    refined = lpvobs.refine(
+        folder / "healthy.h5", folder / "wltp_f_waf_110.parquet", folder / "refined.h5", freeze_map=False
+    )
     assert [item.id for item in refined.found.findings] == ["maf.gain"]
     theta, healthy = (lpvobs.read_map(folder / name).values for name in ("refined.h5", "healthy.h5"))
     both = np.isfinite(theta) & np.isfinite(healthy)
