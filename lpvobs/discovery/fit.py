@@ -196,12 +196,8 @@ def _by_terms(problem: Problem, terms: tuple[Term, ...], beta: Array, theta: Arr
 
 def prior_precision(problem: Problem, terms: tuple[Term, ...]) -> Array:
     """Return the prior precision of all unknowns, shape (n, n)."""
-    P, S = problem.prior.precision, problem.prior.sensitivity
-    # The map does not depend on the levels of another day.
-    S = np.hstack([S, np.zeros((S.shape[0], problem.spread.size - S.shape[1]))])
-    known = np.block([[P, -P @ S], [-S.T @ P, S.T @ P @ S + problem.precision]])
     own = np.array([(WIDEST * t.effect.size) ** -2.0 for t in terms])
-    return np.asarray(scipy.linalg.block_diag(known, np.diag(own)))
+    return np.asarray(scipy.linalg.block_diag(problem.precision_with_map, np.diag(own)))
 
 
 def pins(linear: Linear) -> Array:

@@ -5,6 +5,7 @@ dominates: it is new at every instant, and the residual itself shows its size in
 learned, the error of the model dominates: it lasts for seconds and minutes, and only a healthy log shows its size (`Remembered`).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -73,50 +74,51 @@ class Scatter:
 
 @dataclass(frozen=True)
 class Remembered:
-    """Noise that is correlated in time; m entries (place, balance) in the order of time."""
+    """Noise that is correlated in time: y_b(k) = scale_b(k) (u_b(k) + w_b(k)) + v_b(k) + e_b(k) in balance b at place k.
 
-    order: NDArray[np.int64]  # (m,) place * B + balance
-    covariance: Array  # (m, m)
-    shape: tuple[int, int]  # B and K
+    u forgets with `SHORT` and is together with other balances as w is, which is new at every place; v forgets with `SLOW` and
+    begins anew with every log; e is each balance's own. u, v, w are the state x of 3 B elements of a Kalman filter, whose
+    innovations are what an inverse Cholesky factor of the whole covariance makes of the values, in K steps.
+    """
+
+    clock: Array  # (K,) [s] rising
+    of_log: NDArray[np.int64]  # (K,)
+    shown: NDArray[np.bool_]  # (B, K)
+    scale: Array  # (B, K)
+    own: Array  # (B, K) variance of e
+    together: Array  # (B, B) covariance of u + w
+    slow: Array  # (B,) standard deviation of v
     used: NDArray[np.bool_]  # (K,)
 
     @cached_property
-    def _entries(self) -> tuple[NDArray[np.int64], Array]:
-        """Entries that count, and the lower Cholesky factor of their covariance."""
-        on = np.flatnonzero(self.used[self.order // self.shape[0]])
-        covariance = self.covariance if on.size == self.order.size else self.covariance[np.ix_(on, on)]
-        return self.order[on], scipy.linalg.cholesky(covariance, lower=True, check_finite=False)
-
-    @cached_property
-    def precision(self) -> Array:
-        """Inverse covariance of the entries that count."""
-        _, factor = self._entries
-        half, _ = scipy.linalg.lapack.dpotri(factor, lower=1)
-        return np.asarray(np.tril(half) + np.tril(half, -1).T)
+    def _filter(self) -> tuple[NDArray[np.bool_], Array, Array, Array, Array]:
+        """Entries that count, (B, K); decay of the state up to a place, (K, 3 B); scale; what `_gains` returns."""
+        on = self.shown & self.used
+        places = np.flatnonzero(on.any(0))
+        passed, same = np.diff(self.clock[places]), np.diff(self.of_log[places]) == 0
+        B = len(on)
+        decay = np.zeros((on.shape[1], 3 * B))
+        decay[places[1:], :B] = np.exp(-passed / SHORT)[:, None]
+        decay[places[1:], B : 2 * B] = np.where(same, np.exp(-passed / SLOW), 0.0)[:, None]
+        at_rest = scipy.linalg.block_diag(
+            (1.0 - AT_ONCE) * self.together, np.diag(self.slow**2), AT_ONCE * self.together
+        )
+        return on, decay, self.scale, *_gains(on, decay, self.scale, self.own, at_rest)
 
     def whiten(self, values: Array) -> Array:
         """Return innovations of the first view: what an entry adds to all before it, in units of its noise."""
-        return self._solved(values, transposed=0)
+        return self._of_first_view(_innovations, values)
 
     def dual(self, whitened: Array) -> Array:
         """Return the transposed whitening: what turns whitened values into factors for a direction that is not whitened."""
-        return self._solved(whitened, transposed=1)
+        return self._of_first_view(_transposed, whitened)
 
-    def _solved(self, values: Array, transposed: int) -> Array:
-        """Return what the factor of the covariance, or its transpose, takes to the first view of values, shape (..., B, K)."""
-        entries, factor = self._entries
-        B, K = self.shape
-        flat = values.reshape(-1, *values.shape[-3:])[:, 0] if values.ndim > 2 else values[None]
-        along = flat.transpose(0, 2, 1).reshape(flat.shape[0], -1)[:, entries]
-        new = scipy.linalg.solve_triangular(factor, along.T, lower=True, trans=transposed, check_finite=False)
-        out = np.zeros((new.shape[1], K * B))
-        out[:, entries] = new.T
-        first = out.reshape(-1, K, B).transpose(0, 2, 1)
-        if values.ndim == 2:
-            return np.asarray(first[0])
-        both = np.zeros((first.shape[0], *values.shape[-3:]))
-        both[:, 0] = first
-        return both.reshape(values.shape)
+    def _of_first_view(self, function: Callable[..., Array], values: Array) -> Array:
+        """Return what a function makes of the first view of values, shape (..., B, K)."""
+        views = values.reshape(-1, *values.shape[-3:]) if values.ndim > 2 else values[None, None]
+        out = np.zeros_like(views)
+        out[:, 0] = function(*self._filter, np.ascontiguousarray(views[:, 0]))
+        return out.reshape(values.shape)
 
     def only(self, used: NDArray[np.bool_]) -> "Remembered":
         """Return the same noise with other places that count."""
@@ -124,10 +126,8 @@ class Remembered:
 
     def pointwise(self) -> Scatter:
         """Return the noise of every entry alone; zero weight where a balance does not count."""
-        B, K = self.shape
-        root = np.zeros(K * B)
-        root[self.order] = 1.0 / np.sqrt(np.diag(self.covariance))
-        return Scatter(root.reshape(K, B)[:, :, None] * np.eye(B), self.used)
+        variance = self.scale**2 * np.diag(self.together)[:, None] + self.slow[:, None] ** 2 + self.own
+        return Scatter(np.where(self.shown, variance**-0.5, 0.0).T[:, :, None] * np.eye(len(self.shown)), self.used)
 
     def ranges(self, direction: Array, whitened: Array, first: NDArray[np.int64]) -> Array:
         """Return the quadratic form of the precision with a direction, summed over square parts of the matrix."""
@@ -142,22 +142,13 @@ class Remembered:
 
     def _power(self, direction: Array, first: NDArray[np.int64]) -> Array:
         """Return the products of a direction in any two stretches, shape (stretches, stretches)."""
-        entries, _ = self._entries
-        along = direction[0].T.ravel()[entries]
-        begin = np.searchsorted(entries, first * self.shape[0])
-        return _sums(_sums(self.precision * along, begin, 1) * along[:, None], begin, 0)
+        stretch = np.searchsorted(first, np.arange(direction.shape[-1]), side="right") - 1
+        alone = np.where(stretch == np.arange(first.size)[:, None], direction[0][:, None], 0.0).swapaxes(0, 1)
+        white = self.whiten(alone[:, None]).reshape(first.size, -1)
+        return np.asarray(white @ white.T)
 
 
 Noise = Scatter | Remembered  # what the residual of a problem is weighted by
-
-
-def _sums(values: Array, begin: NDArray[np.int64], axis: int) -> Array:
-    """Return sums from each begin to the next; an empty range has the sum zero."""
-    size = values.shape[axis]
-    total = np.add.reduceat(values, np.minimum(begin, size - 1), axis=axis)
-    empty = np.diff(np.append(begin, size)) == 0
-    total[(slice(None),) * axis + (empty,)] = 0.0
-    return np.asarray(total)
 
 
 def first_noise(problem: Problem) -> Noise:
@@ -193,22 +184,17 @@ def _remembered(problem: Problem, stretch: Array | float) -> Remembered:
     model, healthy = problem.model, problem.model.healthy
     if healthy is None:
         raise ValueError("correlated noise needs the errors of a healthy engine")
-    B, K = len(model.balances), problem.K
-    order = np.flatnonzero(problem.shown.T.ravel())
-    place, balance = np.divmod(order, B)
-    scale = (healthy.scales(problem.transience) * stretch).T.ravel()[order]
-    pairs, distance = np.ix_(place, place), np.abs(problem.clock[:, None] - problem.clock[None])
-    memory = (1.0 - AT_ONCE) * np.exp(-distance / SHORT)
-    np.fill_diagonal(memory, 1.0)
-    covariance = healthy.together[np.ix_(balance, balance)] * np.outer(scale, scale) * memory[pairs]
-    lasting = np.where(problem.of_log[:, None] == problem.of_log[None], np.exp(-distance / SLOW), 0.0)
-    for each in range(B):
-        one = np.flatnonzero(balance == each)
-        covariance[np.ix_(one, one)] += healthy.slow[each] ** 2 * lasting[np.ix_(place[one], place[one])]
-    if model.blur is not None:
-        more = model.blur(model.constants, problem.signals, problem.blocks).T.ravel()[order]
-        covariance[np.arange(order.size), np.arange(order.size)] += more**2
-    return Remembered(order, covariance, (B, K), problem.used)
+    blur = 0.0 if model.blur is None else model.blur(model.constants, problem.signals, problem.blocks)
+    return Remembered(
+        clock=problem.clock,
+        of_log=problem.of_log,
+        shown=problem.shown,
+        scale=healthy.scales(problem.transience) * stretch,
+        own=np.broadcast_to(blur, problem.shown.shape) ** 2,
+        together=healthy.together,
+        slow=healthy.slow,
+        used=problem.used,
+    )
 
 
 def _own_scatter(problem: Problem, nodes: Nodes, raw: Array) -> Array:
@@ -266,4 +252,67 @@ def _times(root, used, values):  # type: ignore[no-untyped-def]
                 for b in range(a + 1):
                     total += root[k, a, b] * values[i, b, k]
                 out[i, a, k] = total
+    return out
+
+
+@njit(cache=True)
+def _gains(on, decay, scale, own, at_rest):  # type: ignore[no-untyped-def]
+    """Return the gains of a Kalman filter that takes one balance after the other, (K, B, 3 B), and 1 / deviation, (B, K)."""
+    B, K = on.shape
+    gain, root = np.zeros((K, B, 3 * B)), np.zeros((B, K))
+    P = at_rest.copy()
+    for k in range(K):
+        if not on[:, k].any():
+            continue
+        P = at_rest + (P - at_rest) * np.outer(decay[k], decay[k])
+        for b in range(B):
+            if on[b, k]:
+                together = scale[b, k] * (P[b] + P[2 * B + b]) + P[B + b]
+                variance = scale[b, k] * (together[b] + together[2 * B + b]) + together[B + b] + own[b, k]
+                gain[k, b] = together / variance
+                P -= np.outer(gain[k, b], together)
+                root[b, k] = 1.0 / np.sqrt(variance)
+    return gain, root
+
+
+@njit(cache=True)
+def _innovations(on, decay, scale, gain, root, values):  # type: ignore[no-untyped-def]
+    """Return the innovations of values, shape (n, B, K), in units of their deviation; zero where nothing counts."""
+    B = len(on)
+    places = np.flatnonzero(on.sum(axis=0))
+    out = np.zeros_like(values)
+    for i in range(len(values)):
+        x = np.zeros(3 * B)
+        for k in places:
+            for s in range(3 * B):
+                x[s] *= decay[k, s]
+            for b in range(B):
+                if on[b, k]:
+                    e = values[i, b, k] - scale[b, k] * (x[b] + x[2 * B + b]) - x[B + b]
+                    for s in range(3 * B):
+                        x[s] += gain[k, b, s] * e
+                    out[i, b, k] = e * root[b, k]
+    return out
+
+
+@njit(cache=True)
+def _transposed(on, decay, scale, gain, root, values):  # type: ignore[no-untyped-def]
+    """Return the transposed map of `_innovations`, which runs backwards, shape (n, B, K)."""
+    B = len(on)
+    places = np.flatnonzero(on.sum(axis=0))
+    out = np.zeros_like(values)
+    for i in range(len(values)):
+        x = np.zeros(3 * B)
+        for k in places[::-1]:
+            for b in range(B - 1, -1, -1):
+                if on[b, k]:
+                    e = root[b, k] * values[i, b, k]
+                    for s in range(3 * B):
+                        e += gain[k, b, s] * x[s]
+                    x[b] -= scale[b, k] * e
+                    x[B + b] -= e
+                    x[2 * B + b] -= scale[b, k] * e
+                    out[i, b, k] = e
+            for s in range(3 * B):
+                x[s] *= decay[k, s]
     return out

@@ -114,6 +114,14 @@ class Problem(Places):
         return np.asarray(np.linalg.inv(self.covariance))
 
     @cached_property
+    def precision_with_map(self) -> Array:
+        """The same beside the nodes of the map, which come first, shape (p + q, p + q)."""
+        P, S = self.prior.precision, self.prior.sensitivity
+        # The map does not depend on the levels of another day.
+        S = np.hstack([S, np.zeros((S.shape[0], self.spread.size - S.shape[1]))])
+        return np.block([[P, -P @ S], [-S.T @ P, S.T @ P @ S + self.precision]])
+
+    @cached_property
     def catalogue(self) -> tuple[Effect, ...]:
         """The effects that the channels of the logs can show."""
         return tuple(e for e in self.model.catalogue if all(channel in self.signals.value for channel in e.needs))

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,10 +34,14 @@ class Blocks:
         """The number of blocks."""
         return self.time.size
 
+    @cached_property
+    def held(self) -> NDArray[np.int64]:
+        """The number of samples in each block, shape (B,)."""
+        return np.bincount(self.block, minlength=self.count)
+
     def mean(self, values: Array) -> Array:
         """Return the mean of a channel over each block, shape (B,)."""
-        total = np.bincount(self.block, values[self.samples], minlength=self.count)
-        return np.asarray(total / np.bincount(self.block, minlength=self.count))
+        return np.asarray(np.bincount(self.block, values[self.samples], minlength=self.count) / self.held)
 
     def spread(self, values: Array) -> Array:
         """Return the standard deviation of a channel within each block, shape (B,)."""
@@ -57,7 +62,7 @@ class Blocks:
         place = (self.block[:, None] * size + nodes).ravel()
         mass = (share * scale[self.samples, None]).ravel()
         total = np.bincount(place, mass, minlength=self.count * size).reshape(self.count, size)
-        return np.asarray(total / np.bincount(self.block, minlength=self.count)[:, None])
+        return np.asarray(total / self.held[:, None])
 
 
 def blocks_of(log: Log) -> Blocks:
@@ -66,7 +71,7 @@ def blocks_of(log: Log) -> Blocks:
 
 
 def block_length(lasts: float) -> float:
-    """Return how long blocks are [s] where driving lasts so many seconds; all pairs of them are correlated, so they are few."""
+    """Return how long blocks are [s] where driving lasts so many seconds: the time that a search takes grows with their number."""
     return max(LENGTH, lasts / MOST)
 
 

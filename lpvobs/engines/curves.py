@@ -102,9 +102,13 @@ Weights = tuple[NDArray[np.int64], Array]
 def on_line(nodes: Array, x: Array) -> Weights:
     """Return which two of J nodes each of N points lies between, and their weights; outside, the end holds."""
     found, shares = np.empty((x.size, 2), np.int64), np.empty((x.size, 2))
+    low = 0  # from one sample to the next, a signal seldom moves farther than the next nodes
     for k in range(x.size):
         inside = np.minimum(np.maximum(x[k], nodes[0]), nodes[-1])  # as numbers that are none stay none
-        low = min(max(np.searchsorted(nodes, inside, side="right") - 1, 0), nodes.size - 2)
+        while low < nodes.size - 2 and nodes[low + 1] <= inside:
+            low += 1
+        while low > 0 and nodes[low] > inside:
+            low -= 1
         share = (inside - nodes[low]) / (nodes[low + 1] - nodes[low])
         found[k, 0], found[k, 1] = low, low + 1
         shares[k, 0], shares[k, 1] = 1.0 - share, share

@@ -7,7 +7,7 @@ import pytest
 
 from lpvobs.discovery.imbalances import operating_nodes, scenes_with
 from lpvobs.discovery.noise import Remembered, noise_of
-from lpvobs.discovery.thresholds import OUTLIER
+from lpvobs.discovery.thresholds import AT_ONCE, OUTLIER, SHORT, SLOW
 
 ROUNDING = 1e-9
 B, K = 2, 30
@@ -15,15 +15,39 @@ B, K = 2, 30
 
 @pytest.fixture(scope="module")
 def noise():
+    """Return noise of two logs, of which some entries are missing."""
     rng = np.random.default_rng(5)
-    shown = rng.random(B * K) < 0.9  # some entries are missing
-    order = np.flatnonzero(shown)
-    root = rng.standard_normal((order.size, order.size))
-    return Remembered(order, root @ root.T / order.size + np.eye(order.size), (B, K), np.ones(K, dtype=bool))
+    root = rng.standard_normal((B, B))
+    return Remembered(
+        clock=np.cumsum(rng.uniform(0.5, 6.0, K)),
+        of_log=(np.arange(K) > 17).astype(int),
+        shown=rng.random((B, K)) < 0.9,
+        scale=rng.uniform(0.5, 2.0, (B, K)),
+        own=rng.uniform(0.0, 0.3, (B, K)),
+        together=root @ root.T + np.eye(B),
+        slow=np.array([0.7, 0.2]),
+        used=np.ones(K, dtype=bool),
+    )
 
 
-def flat(values, noise):
-    return values[0].T.ravel()[noise.order]
+def covariance(noise):
+    """Return the covariance of all pairs of entries, balance by balance, shape (B K, B K), as the class says it."""
+    distance = np.abs(noise.clock[:, None] - noise.clock)
+    at_once = np.eye(K)
+    fast = (1.0 - AT_ONCE) * np.exp(-distance / SHORT) + AT_ONCE * at_once
+    slow = np.exp(-distance / SLOW) * (noise.of_log[:, None] == noise.of_log)
+    whole = np.zeros((B, K, B, K))
+    for a in range(B):
+        for b in range(B):
+            whole[a, :, b] = noise.together[a, b] * np.outer(noise.scale[a], noise.scale[b]) * fast
+        whole[a, :, a] += noise.slow[a] ** 2 * slow + np.diag(noise.own[a])
+    return whole.reshape(B * K, B * K)
+
+
+def squared(values, noise, on):
+    """Return the quadratic form of the entries that count with the inverse of their covariance."""
+    at = np.flatnonzero(on)
+    return values[0].ravel()[at] @ np.linalg.solve(covariance(noise)[np.ix_(at, at)], values[0].ravel()[at])
 
 
 def drawn(seed):
@@ -34,9 +58,13 @@ def drawn(seed):
 
 def test_innovations_have_the_square_of_the_whole(noise):
     r = drawn(1)
-    direct = flat(r, noise) @ np.linalg.solve(noise.covariance, flat(r, noise))
-    assert np.sum(noise.whiten(r) ** 2) == pytest.approx(direct, rel=ROUNDING)
-    np.testing.assert_allclose(noise.precision @ noise.covariance, np.eye(noise.order.size), atol=1e-9)
+    assert np.sum(noise.whiten(r) ** 2) == pytest.approx(squared(r, noise, noise.shown), rel=ROUNDING)
+
+
+def test_an_innovation_knows_what_came_before_and_nothing_else(noise):
+    r = drawn(7)
+    late = r * (np.arange(K) < 20)
+    np.testing.assert_array_equal(noise.whiten(r)[..., :20], noise.whiten(late)[..., :20])
 
 
 def test_many_at_once_are_each_alone(noise):
@@ -45,14 +73,17 @@ def test_many_at_once_are_each_alone(noise):
 
 
 def test_places_that_do_not_count_are_as_if_never_seen(noise):
-    used = np.arange(K) % 5 != 2
-    on = used[noise.order // B]
-    r = drawn(3)
-    part = flat(r, noise)[on]
-    direct = part @ np.linalg.solve(noise.covariance[np.ix_(on, on)], part)
+    used, r = np.arange(K) % 5 != 2, drawn(3)
     white = noise.only(used).whiten(r)
-    assert np.sum(white**2) == pytest.approx(direct, rel=ROUNDING)
+    assert np.sum(white**2) == pytest.approx(squared(r, noise, noise.shown & used), rel=ROUNDING)
     assert not white[..., ~used].any()
+
+
+def test_every_entry_alone_has_the_variance_of_the_whole(noise):
+    root = noise.pointwise().root
+    variance = np.diag(covariance(noise)).reshape(B, K)
+    expected = np.where(noise.shown, variance**-0.5, 0.0)
+    np.testing.assert_allclose(np.einsum("kbb->bk", root), expected, rtol=ROUNDING)
 
 
 def test_the_power_of_every_range_is_that_of_the_part(noise):
