@@ -52,8 +52,8 @@ setup: $(VENV)/.ready
 $(VENV)/.ready: pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit("Python 3.11 or newer is needed, this is " + sys.version.split()[0] if sys.version_info < (3, 11) else 0)'
 	$(PYTHON) -m venv $(VENV)
-	$(VENV)/bin/pip install --quiet --disable-pip-version-check --editable '.[dev]'
-	$(VENV)/bin/lpvobs selftest > /dev/null  # compiles every kernel on its way, which no verb waits for then
+	$(VENV)/bin/pip install --quiet --disable-pip-version-check --no-compile --editable '.[dev]'
+	$(VENV)/bin/lpvobs selftest > /dev/null  # compiles every kernel and module on its way, which no verb waits for then
 	touch $@
 
 # --- the chain ------------------------------------------------------------------------------------------------------------

@@ -39,6 +39,7 @@ def result(lpvobs, other_engine, chain, configured):
     return out
 
 
+@pytest.mark.slow
 def test_a_file_beside_the_configuration_is_the_option(lpvobs, other_engine, chain, result, tmp_path):
     said = ("--engine", other_engine.known, "--gain", chain.gain, other_engine.drive, "--out", tmp_path / "said.h5")
     assert lpvobs("estimate", "--config", DIESEL, *said).code == 0
@@ -99,6 +100,7 @@ def test_refine_takes_an_engine(lpvobs, other_engine, chain, tmp_path):
     assert not free.json["map_frozen"]
 
 
+@pytest.mark.slow
 def test_trace_takes_an_engine(lpvobs, other_engine, chain, result, tmp_path):
     engine = ("--engine", other_engine.known)
     refused = lpvobs("trace", chain.result, other_engine.drive, *engine)
