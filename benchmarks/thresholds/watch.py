@@ -177,6 +177,10 @@ class Watched(NDArrayOperatorsMixin):
         """Return the value for people."""
         return format(self.dual.value, spec)
 
+    def item(self) -> Any:
+        """Return the value as plain Python has it, as NumPy's own numbers do."""
+        return self._plain()
+
     def __int__(self) -> int:
         """Return the value as a whole number."""
         return int(self._plain())
