@@ -30,14 +30,14 @@ from lpvobs.observer.windows import Columns, Moments
 from lpvobs.records import Array, Item, Log, Recording
 
 PASSES = 12
-"""Over the logs, at most, until the engine is linearised where it is found. Of forty engines with constants drawn within 1, 2 or 3 %,
-none needed more than nine; after three, two maps were off by 10 and 16 % that end at 1.1 %."""
+"""Over the logs, at most, until the engine is linearised where it is found. Of forty engines with constants drawn within 1, 2 or
+3 %, none needed more than nine; after three, two maps were off by 10 and 16 % that end at 1.1 %."""
 LINEAR, MILD = 0.001, 0.05
 """Relative change within which the balances count as linear in a constant: a steep one (near stall a compressor is not, beyond),
 and any other. With 0.003 for the steep ones, one engine of ten whose constants were off by twice their tolerance stayed where it
-was, and its map was off by 16.8 % (now 1.2 %). Flows are linear in most others, and what the product of two leaves is under 0.3 %. At
-0.003 for all, EGR constants crept on from pass to pass where the flow reverses within a window: on FTP75 without noise 0.45 % became
-1.8 %."""
+was, and its map was off by 16.8 % (now 1.2 %). Flows are linear in most others, and what the product of two leaves is under
+0.3 %. At 0.003 for all, EGR constants crept on from pass to pass where the flow reverses within a window: on FTP75 without noise
+0.45 % became 1.8 %."""
 
 
 @dataclass(frozen=True)
