@@ -76,9 +76,10 @@ class Scatter:
 class Remembered:
     """Noise that is correlated in time: y_b(k) = scale_b(k) (u_b(k) + w_b(k)) + v_b(k) + e_b(k) in balance b at place k.
 
-    u forgets with `SHORT` and is together with other balances as w is, which is new at every place; v forgets with `SLOW` and
-    begins anew with every log; e is each balance's own. u, v, w are the state x of 3 B elements of a Kalman filter, whose
-    innovations are what an inverse Cholesky factor of the whole covariance makes of the values, in K steps.
+    u decays with `SHORT`, and w is new at every place. Balances are correlated in both by `together`, which they share as
+    1 - `AT_ONCE` to `AT_ONCE`. v decays with `SLOW` and begins anew with every log. e is new in every entry. u, v, w are the 3 B
+    states x of a Kalman filter. Its innovations are the values times the inverse Cholesky factor of their whole covariance, in K
+    steps.
     """
 
     clock: Array  # (K,) [s] rising
@@ -86,7 +87,7 @@ class Remembered:
     shown: NDArray[np.bool_]  # (B, K)
     scale: Array  # (B, K)
     own: Array  # (B, K) variance of e
-    together: Array  # (B, B) covariance of u + w
+    together: Array  # (B, B) covariance of u + w at one place
     slow: Array  # (B,) standard deviation of v
     used: NDArray[np.bool_]  # (K,)
 
