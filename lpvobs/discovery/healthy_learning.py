@@ -42,19 +42,8 @@ def learned(model: ResidualModel, grid: Grid, prior: MapPrior, logs: Sequence[Lo
     A single drive is two for that, its halves: seen from itself, it would seem to have nothing.
     """
     parts = halves(logs[0]) if len(logs) == 1 else list(logs)
-    # of every drive, as the others see it: gradient and information of each effect, whole and late
-    seen_by: list[dict[str, list[tuple[float, float]]]] = []
-    data, uneven = [], [1.0]
-    for i, log in enumerate(parts):
-        seen = learned_from(model, grid, prior, parts[:i] + parts[i + 1 :])
-        laid = seen.taken_off(
-            lay_out(seen.engine(model), grid, prior.beside(seen.deviation), [log], spacing=seen.spacing)
-        )
-        linear, middle = fit(laid, passes=2), 0.5 * float(laid.clock[0] + laid.clock[-1])
-        spans = (-np.inf, np.inf), (middle, np.inf)
-        seen_by.append({effect.id: first_order(linear, effect, *spans) for effect in laid.catalogue})
-        data.append(laid.data)
-        uneven.append(elsewhere_of(linear))
+    judged = [_judged(model, grid, prior, parts[:i] + parts[i + 1 :], log) for i, log in enumerate(parts)]
+    seen_by, data, uneven = zip(*judged, strict=True)
     effects = tuple(effect for effect in seen_by[0] if all(effect in each for each in seen_by))
     scores = np.array([[each[effect] for effect in effects] for each in seen_by])
     (whole, beyond), (late, beyond_late) = (beyond_noise(*scores[:, :, i].transpose(2, 0, 1)) for i in (0, 1))
@@ -62,8 +51,23 @@ def learned(model: ResidualModel, grid: Grid, prior: MapPrior, logs: Sequence[Lo
     found = learned_from(model, grid, prior, parts)
     return replace(
         found, logs=tuple(log.name for log in logs), effects=effects, whole=whole, late=late, beyond=beyond,
-        common=float(beyond.mean()), uneven=max(uneven),
+        common=float(beyond.mean()), uneven=max(1.0, *uneven),
     )  # fmt: skip
+
+
+def _judged(
+    model: ResidualModel, grid: Grid, prior: MapPrior, others: Sequence[Log], log: Log
+) -> tuple[dict[str, list[tuple[float, float]]], float, float]:
+    """Return gradient and information of each effect on a drive, whole and late, as others see it; how much data; how uneven."""
+    seen = learned_from(model, grid, prior, others)
+    laid = seen.taken_off(lay_out(seen.engine(model), grid, prior.beside(seen.deviation), [log], spacing=seen.spacing))
+    linear, middle = fit(laid, passes=2), 0.5 * float(laid.clock[0] + laid.clock[-1])
+    spans = (-np.inf, np.inf), (middle, np.inf)
+    return (
+        {effect.id: first_order(linear, effect, *spans) for effect in laid.catalogue},
+        laid.data,
+        elsewhere_of(linear),
+    )
 
 
 def by_all_balances(model: ResidualModel, grid: Grid, prior: MapPrior, logs: Sequence[Log]) -> Array:
@@ -131,15 +135,15 @@ def left_of(problem: Problem, logs: Sequence[str]) -> HealthyDrive:
     found, shares = [], (_START,) * B
     for width in thresholds.BELL_WIDTHS:
         bare = _bare(problem, logs, width)
-        features = np.stack([bare.features(view) for view in bare.inputs(problem)])
-        middle = features.mean(0)
+        middle = bare.along(problem)
         weights = (np.zeros(middle.shape[1]),) * B
         for _ in range(thresholds.PASSES):
             scale = _scales(left.mean(1) - np.array(weights) @ middle.T, problem)
             rows = zip(problem.shown, left.mean(1), scale, shares, strict=True)
             shares, weights, unlikely = zip(*(_likeliest(problem, middle, *row) for row in rows), strict=True)
-        found.append((sum(unlikely), bare, features, scale, shares))
-    _, bare, features, scale, shares = min(found, key=lambda item: item[0])
+        found.append((sum(unlikely), bare, scale, shares))
+    _, bare, scale, shares = min(found, key=lambda item: item[0])
+    features = np.stack([bare.features(view) for view in bare.inputs(problem)])
     by_constant = with_map(problem, by_constants(problem)).reshape(-1, B, 2, K)
     every = np.concatenate([left[None], by_constant]).swapaxes(0, 1)
     each = (_learned(problem, features, *row) for row in zip(problem.shown, every, scale, shares, strict=True))
@@ -236,16 +240,18 @@ def _learned(
     for i in np.unique(pieces):
         on = shown & (problem.of_log == i)
         own = np.hstack([np.full((on.sum(), 1), slow[0]), slow[1] * memory(problem, i)[on[problem.of_log == i]]])
-        root = np.sqrt(0.5 / lasting) / np.tile(scale[on], 2)
-        rows = root[:, None] * np.concatenate([np.hstack([size * view[on], own]) for view in features])
-        y = root * left[..., on].reshape(1 + n, -1)
-        # The noise of derivatives is that of their own view.
-        other = root * left[1:, ::-1, on].reshape(n, y.shape[1])
-        gram, seen = rows.T @ rows, rows.T @ y.T
+        root = np.sqrt(0.5 / lasting) / scale[on]
+        gram, seen = np.zeros([m + own.shape[1]] * 2), np.zeros((m + own.shape[1], 1 + n))
+        for view, here, other in zip(features, (0, 1), (1, 0), strict=True):
+            rows = np.hstack([size * view[on], own]) * root[:, None]
+            y = root * left[:, here, on]
+            gram += rows.T @ rows
+            seen += rows.T @ y.T
+            information += y[1:] @ (root * left[1:, other, on]).T  # the noise of derivatives is that of their own view
         known = np.linalg.solve(gram[m:, m:] + np.eye(own.shape[1]), np.hstack([gram[m:, :m], seen[m:]]))
         precision += gram[:m, :m] - gram[:m, m:] @ known[:, :m]
         gradient += seen[:m] - gram[:m, m:] @ known[:, m:]
-        information += y[1:] @ other.T - seen[m:, 1:].T @ known[:, m + 1 :]
+        information -= seen[m:, 1:].T @ known[:, m + 1 :]
     factor = scipy.linalg.cholesky(precision, lower=True)
     weights = scipy.linalg.cho_solve((factor, True), gradient)
     information -= gradient[:, 1:].T @ weights[:, 1:]
