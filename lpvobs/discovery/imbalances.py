@@ -1,6 +1,6 @@
 """From signals to residuals: what each balance leaves with given effects, unknowns and levels of the day."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -35,23 +35,41 @@ def scenes_with(problem: Problem, terms: Sequence[Term], beta: Array) -> tuple[S
     found = []
     patterns, number = np.unique(acting, axis=1, return_inverse=True)
     for i, pattern in enumerate(patterns.T):
-        here = signals
-        for term, on in zip(terms, pattern, strict=True):
-            here = term.effect.apply(here, term.size) if on else here
+        acts = [term for term, on in zip(terms, pattern, strict=True) if on]
+        of_days = {level.name for _, level in problem.levels} & {term.effect.id for term in acts}
+        here = today(problem, beta, of_days) if of_days else signals
+        for term in acts:
+            here = _corrected(problem, beta, here, term.effect, term.size)
         found.append((number.reshape(-1) == i, here))
     return tuple(found)
 
 
-def today(problem: Problem, beta: Array) -> Signals:
-    """Return the signals at the engine's unknowns, corrected for what sensors and clocks are off by on the day of each log."""
-    q = len(problem.model.names)
-    signals = replace(problem.signals, constants=problem.model.with_unknowns(beta[:q]))
-    for log, level, size in problem.on_days(beta):
-        effect = problem.model.effect(level.name)
-        if effect is not None and size != 0.0 and effect in problem.catalogue:
+def today(problem: Problem, beta: Array, but: Collection[str] = ()) -> Signals:
+    """Return the signals at the engine's unknowns, corrected for what sensors and clocks are off by on the day of each log.
+
+    They are not corrected for the effects `but`.
+    """
+    signals = replace(problem.signals, constants=problem.model.with_unknowns(beta[: len(problem.model.names)]))
+    for name in dict.fromkeys(level.name for _, level in problem.levels):
+        effect = problem.model.effect(name)
+        if effect is not None and effect in problem.catalogue and name not in but:
+            signals = _corrected(problem, beta, signals, effect, effect.null)
+    return signals
+
+
+def _corrected(problem: Problem, beta: Array, signals: Signals, effect: Effect, size: float) -> Signals:
+    """Return signals corrected for an effect, and for what every log has of it on its day, at once.
+
+    A channel that is shifted twice in time is interpolated twice, and its blur would tell the day from the effect.
+    """
+    days = {log: own for log, level, own in problem.on_days(beta) if level.name == effect.id}
+    if not days:
+        return effect.apply(signals, size)
+    for log, own in days.items():
+        if size + own != effect.null:
             begins = (problem.clock - problem.time)[problem.of_log == log][0]
-            own = np.isclose(problem.signals.clock - problem.signals.time, begins)  # the log's columns
-            signals = signals.where(own, effect.apply(signals, effect.null + size))
+            columns = np.isclose(problem.signals.clock - problem.signals.time, begins)  # the log's
+            signals = signals.where(columns, effect.apply(signals, size + own))
     return signals
 
 

@@ -8,8 +8,9 @@ import pytest
 from reference import throttled_drive as truth
 from repository import LIU_ICE
 
+from lpvobs.discovery.imbalances import imbalances_at, scenes_with
 from lpvobs.discovery.refine import refine
-from lpvobs.discovery.residual import free_map, lay_out, nominal_map
+from lpvobs.discovery.residual import Term, free_map, lay_out, nominal_map
 from lpvobs.engines.effects import Signals
 from lpvobs.engines.throttled.balances import BALANCES, Imbalances
 from lpvobs.engines.throttled.effects import residual_model
@@ -100,6 +101,26 @@ def test_the_log_that_taught_the_engine_is_judged_by_parts_it_was_not_learned_fr
     # What was fitted is always a little smaller than what was not.
     assert np.median(np.abs(fitted[filling])) < np.median(np.abs(held_out))
     assert refine(model, config.grid(), free, [healthy]).trace.verdict == "none"
+
+
+def test_an_effect_and_its_level_of_the_day_are_taken_out_at_once(model, config, another_day):
+    """Two shifts in time, one after the other, would blur the sensor twice, and tell the day from the fault by that."""
+    problem = lay_out(
+        model, config.grid(), free_map(config.grid(), len(model.names), 0.1), [truth.log_of(another_day, "a")]
+    )
+    effect, none = model.effect("maf.delay"), np.zeros(problem.spread.size)
+    (place,) = (i for i, (_, level) in enumerate(problem.levels, len(model.names)) if level.name == effect.id)
+    day = none.copy()
+    day[place] = 0.125
+    both = imbalances_at(problem, scenes_with(problem, [Term(effect, 0.25)], day), day)
+    at_once = imbalances_at(problem, scenes_with(problem, [Term(effect, 0.375)], none), none)
+    np.testing.assert_array_equal(both, at_once)
+    # What acts from an onset on leaves the day's own shift before it.
+    onset = float(problem.clock[problem.K // 2])
+    later = imbalances_at(problem, scenes_with(problem, [Term(effect, 0.25, onset)], day), day)
+    before = problem.clock < onset
+    own = imbalances_at(problem, scenes_with(problem, [], day), day)
+    np.testing.assert_array_equal(later, np.where(before, own, at_once))
 
 
 @pytest.mark.parametrize(
