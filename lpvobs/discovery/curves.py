@@ -6,7 +6,7 @@ Whether it follows one input or two, and how large it may be, is chosen by what 
 as the data determine. Constants of the engine share its level: its standard error contains their tolerance.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -72,9 +72,11 @@ def channel_candidates(linear: Linear) -> list[Candidate]:
     return [_fitted(linear, effect, curve, COST * (curve.knots.size - 1)) for _, effect, curve in ranked]
 
 
-def _fitted(linear: Linear, effect: Effect, curve: Shape, cost: float, size: float | None = None) -> Candidate:
+def _fitted(
+    linear: Linear, effect: Effect, curve: Shape, cost: float, size: float | None = None, begin: float = -np.inf
+) -> Candidate:
     """Return a curve as a candidate, its gain less what its coefficients cost."""
-    candidate = fit_candidate(linear, effect, size=size, like=Term(effect, effect.null, curve=curve))
+    candidate = fit_candidate(linear, effect, size=size, like=Term(effect, effect.null, begin, curve=curve))
     return replace(candidate, gain=candidate.gain - cost)
 
 
@@ -96,13 +98,20 @@ def following(
     return Effect(name, "amplitude", "1", 0.0, size, -most, most, carrier.place, apply, carrier.drive)
 
 
-def component_candidates(linear: Linear) -> list[Candidate]:
-    """Return the best curve of every component as a candidate, if it gains more than its coefficients cost."""
+def component_candidates(linear: Linear, plain: Sequence[Candidate]) -> list[Candidate]:
+    """Return the best curve of every component as a candidate, if it gains more than its coefficients cost.
+
+    It acts all the time, or begins where the component's factor does among the plain effects, or else where the best of these does.
+    """
     found = []
     for curve in linear.problem.model.curves:
-        surface = surface_of(linear, curve)
-        if surface is not None:
-            found.append(_fitted(linear, driven_by(curve, surface), surface, surface.cost, surface.amplitude))
+        alike = next((c for c in plain if c.id == curve.carrier.id), plain[0]).term
+        steps = alike.course is None and not np.isfinite(alike.end)
+        for begin in dict.fromkeys((-np.inf, alike.begin if steps else -np.inf)):
+            surface = surface_of(linear, curve, begin)
+            if surface is not None:
+                effect = driven_by(curve, surface)
+                found.append(_fitted(linear, effect, surface, surface.cost, surface.amplitude, begin))
     return [each for each in found if each.term.effect.low < each.term.size < each.term.effect.high]
 
 
@@ -113,16 +122,18 @@ def surface_again(linear: Linear, index: int, surface: FactorSurface) -> tuple[F
     held = replace(problem, held=(*problem.held, term))
     around = linearised(held, others, linear.theta, linear.beta, linear.noise, None, linear)
     curve = next(curve for curve in problem.model.curves if curve.id == term.effect.id)
-    found = surface_of(around, curve, term.size * surface.values)
+    found = surface_of(around, curve, term.begin, term.size * surface.values)
     if found is None:
         return None
     return found, replace(term, effect=driven_by(curve, found), size=found.amplitude, curve=found)
 
 
-def surface_of(linear: Linear, curve: ComponentCurve, known: Array | None = None) -> FactorSurface | None:
+def surface_of(
+    linear: Linear, curve: ComponentCurve, begin: float = -np.inf, known: Array | None = None
+) -> FactorSurface | None:
     """Return the best curve of a component, None where it gains too little or its inputs are not recorded.
 
-    `known` is the curve that the model has already, shape (first, second).
+    It acts from `begin` on. `known` is the curve that the model has already, shape (first, second).
     """
     problem = linear.problem
     if any(channel not in problem.signals.value for channel in curve.carrier.needs):
@@ -131,6 +142,7 @@ def surface_of(linear: Linear, curve: ComponentCurve, known: Array | None = None
     (first, second), (x, y) = curve.axes.items(), inputs
     shape = first[1].values.size, second[1].values.size
     nodes, share = on_surface(first[1].values, second[1].values, x, y)
+    share = share * (problem.clock >= begin)[:, None]
     hats = np.zeros((shape[0] * shape[1], problem.K))
     np.add.at(hats, (nodes, np.arange(problem.K)[:, None]), share)
     seen: NDArray[np.bool_] = np.asarray(hats[:, problem.used].any(1))

@@ -18,6 +18,7 @@ from lpvobs.discovery.thresholds import (
     MOST_HALVINGS,
     MOST_STEPS,
     PIN,
+    RESPONSE,
     SHAPE,
     STILL,
     WIDEST,
@@ -259,7 +260,7 @@ def standard_errors(linear: Linear) -> Array:
     of the two sizes is the variance between windows, as for two draws of one random effect.
 
     Where healthy drives tell, the engine is not the model, and a cause is not quite the catalogue's. What its shape is off by
-    then moves the size by the square of that share.
+    then moves the size by the square of that share. Where the engine's curves are learned, `RESPONSE` is the share that moves it.
 
     The variance between windows has a single degree of freedom, the others have those of the stretches. The quantile is Student's
     with the degrees of freedom of the sum (Satterthwaite). The standard error is scaled so that the normal quantile gives the
@@ -271,8 +272,8 @@ def standard_errors(linear: Linear) -> Array:
     free = replace(linear, factor=cholesky(linear.normal - pins(linear)))
     within = np.array([_variance(linear, free.row(i), prior, i) for i in range(len(linear.terms))])
     within += [linear.problem.seems(term, 1.0 / own) * own for term, own in zip(linear.terms, within, strict=True)]
-    if len(linear.problem.patterns):
-        within += [(SHAPE**2 * (term.size - term.effect.null)) ** 2 for term in linear.terms]
+    share = SHAPE**2 if len(linear.problem.patterns) else RESPONSE if linear.problem.model.healthy is not None else 0.0
+    within += [(share * (term.size - term.effect.null)) ** 2 for term in linear.terms]
     return np.sqrt(widened(within, max(linear.problem.coarse_blocks - 1.0, 1.0), 0.5 * between_windows(linear) ** 2))
 
 

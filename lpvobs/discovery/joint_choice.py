@@ -67,10 +67,10 @@ def _others(bare: Linear) -> list[Effect]:
 def _simpler(linear: Linear, candidate: Candidate, surface: FactorSurface) -> Candidate | None:
     """Return an effect of the catalogue or a logged channel, on whatever course, that explains more than a component's curve."""
     newest, bare = len(linear.terms) - 1, without(linear, len(linear.terms) - 1)
-    own = fit_candidate(bare, candidate.term.effect, size=linear.terms[newest].size)
+    own = fit_candidate(bare, candidate.term.effect, size=linear.terms[newest].size, like=linear.terms[newest])
     ranked = rank(bare, _others(bare))[:SHORTLIST]
     best = best_course(linear, bare, ranked[0], [c.term.effect for c in ranked[1:]])
-    return best if score(best) > own.gain - surface.cost else None
+    return best if score(best) > score(own) - surface.cost else None
 
 
 def _curve_again(linear: Linear, candidate: Candidate, surface: FactorSurface) -> tuple[Candidate, Linear]:

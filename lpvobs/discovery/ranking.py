@@ -60,12 +60,8 @@ def _most_promising(expected: Mapping[Effect, float]) -> list[Effect]:
 
 
 def is_relevant(candidate: Candidate, linear: Linear) -> bool:
-    """Return whether a candidate explains more than smoothing, a bilinear map and differences between days may leave."""
-    # Where days differ, an effect of the whole log needs a larger gain: how much days differ is known from experience
-    # alone.
-    always = bool(linear.problem.levels) and candidate.changes == 0
-    times = thresholds.ALWAYS if always else 1.0
-    return candidate.gain >= times * least_gain(linear.problem) and candidate.told * candidate.gain >= thresholds.PROVEN
+    """Return whether a candidate explains more than smoothing, a bilinear map and what healthy drives differ by may leave."""
+    return candidate.gain >= least_gain(linear.problem) and candidate.told * candidate.gain >= thresholds.PROVEN
 
 
 def least_gain(problem: Problem) -> float:
@@ -95,7 +91,7 @@ def chance(candidate: Candidate, problem: Problem, wider: float = 1.0) -> float:
 def best_of(linear: Linear) -> tuple[Candidate, ...]:
     """Return all candidates, best first, those with a curve among them where they beat the catalogue."""
     found = rank(linear, linear.problem.catalogue)
-    driven = best_first([*channel_candidates(linear), *component_candidates(linear)])
+    driven = best_first([*channel_candidates(linear), *component_candidates(linear, found)])
     if driven and score(driven[0]) > thresholds.ADVANTAGE * max(score(found[0]), 0.0):
         return (*driven, *found)
     return (*found[:1], *driven, *found[1:])

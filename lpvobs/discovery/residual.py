@@ -275,6 +275,10 @@ def lay_out(
     model = replace(model, units={name: unit for log in logs for name, unit in log.units.items()} | dict(model.units))
     logs = [with_followers(model.followers, log) for log in logs]
     places = blocks_of_logs(model, logs, wide) if model.blocks else instants_of(model, logs, wide, spacing)
+    if not (model.blocks or prior.free):
+        s = places.signals
+        nodes, weights = grid.regressors(s[model.fuel], s[model.speed])
+        places = replace(places, signals=replace(s, error=np.einsum("km,km->k", weights, prior.mean[nodes])))
     length = max(
         thresholds.BLOCK,
         np.ceil(places.time.size * places.step / thresholds.MOST_BLOCKS / thresholds.BLOCK) * thresholds.BLOCK,

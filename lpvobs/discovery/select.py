@@ -284,7 +284,17 @@ def _at_its_end(term: Term) -> bool:
 
 
 def _pruned(linear: Linear, accepted: Sequence[Candidate]) -> tuple[Sequence[Candidate], Linear]:
-    """Return the effects that are still needed beside the others, and the model with these alone."""
+    """Return the effects that are still needed beside the others, and the model with these alone.
+
+    Where healthy drives tell, what begins at the place of a stronger effect in the same moment is that effect, of another shape
+    than the catalogue's. It was in the model until here, so that nothing else took its place.
+    """
+    if len(accepted) > 1 and len(linear.problem.patterns):
+        strong = [wald(in_place(linear, i, c)) for i, c in enumerate(accepted)]
+        kept = [i for i in range(len(strong)) if not _is_part(i, strong, linear.terms)]
+        if len(kept) < len(strong):
+            accepted = [accepted[i] for i in kept]
+            linear = fit(linear.problem, [linear.terms[i] for i in kept], start=linear)
     while accepted:
         accepted = [in_place(linear, i, c) for i, c in enumerate(accepted)]
         weakest = int(np.argmin([wald(c) for c in accepted]))
@@ -294,6 +304,15 @@ def _pruned(linear: Linear, accepted: Sequence[Candidate]) -> tuple[Sequence[Can
         terms = [t for i, t in enumerate(linear.terms) if i != weakest]
         linear = fit(linear.problem, terms, start=linear)
     return accepted, linear
+
+
+def _is_part(i: int, strong: Sequence[float], terms: Sequence[Term]) -> bool:
+    """Return whether a term acts at the place of a stronger one from the same moment on."""
+    own = terms[i]
+    alike = [
+        term.effect.place == own.effect.place and abs(term.begin - own.begin) <= thresholds.COARSE for term in terms
+    ]
+    return any(same and further > strong[i] for same, further in zip(alike, strong, strict=True))
 
 
 def wald(candidate: Candidate) -> float:

@@ -37,6 +37,7 @@ class Signals:
     later: Callable[[float], Array]  # returns the reading of the sensor under test some time [s] later, shape (C,)
     slow: Callable[[str], Array]  # returns the rate of a channel by name through a wide window, shape (C,)
     constants: Any  # the engine's constants at the current point of the model
+    error: Array | None = None  # (C,) [kg/s] error of the sensor under test, where a map that stands tells it
 
     def __getitem__(self, channel: str) -> Array:
         """Return the values of one channel, shape (C,)."""

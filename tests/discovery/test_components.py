@@ -59,6 +59,25 @@ def test_the_curve_is_that_of_the_engine(found, clean):
     assert error < 0.25 * BUMP  # the requirement
 
 
+@pytest.mark.slow
+def test_a_curve_that_begins_is_dated(plant, config, clean):
+    """Half of the drive is as the model says: a curve of the whole drive would have half of the amplitude."""
+    onset = 150.0
+
+    def imbalances(constants, s, blocks):
+        lacks = s.lacks.copy()
+        time = s.time[: s["n_e"].size]  # once for both views, or for their mean
+        lacks[CYLINDERS] /= 1.0 + bump(s["n_e"]) * (time >= onset)
+        return plant.imbalances(constants, replace(s, lacks=lacks), blocks)
+
+    later = replace(plant, imbalances=imbalances)
+    found = refine(later, config.grid(), free_map(config.grid(), len(plant.names), 0.1), [clean])
+    (finding,) = found.trace.findings
+    assert (finding.id, finding.course) == ("eta_vol.curve", "step")
+    assert finding.onset == pytest.approx(onset, abs=2.0)  # s; a stretch of the search is longer
+    assert finding.parameters["amplitude"].value == pytest.approx(BUMP, rel=0.25)  # the requirement of its curve
+
+
 def test_words_say_how_much_and_where(found):
     said = in_words(found.trace.as_json(refined=True)["effects"])
     assert said.startswith("eta_vol is 5")

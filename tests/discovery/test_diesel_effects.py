@@ -1,5 +1,7 @@
 """Every effect at rest is no effect; sensor effects undo what a sensor did."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -71,3 +73,14 @@ def test_a_hole_in_the_inlet_takes_its_share_of_the_filling(linear):
     assert np.median(missing[passing] / signals["W_maf"][passing]) == pytest.approx(
         0.069 / 1.069, rel=0.25
     )  # its own error
+
+
+def test_beside_a_map_a_hole_in_the_inlet_takes_no_share_of_what_the_filling_is_off_by(linear):
+    """A share of the filling would make its errors smaller: a sensor that reads too little looked like a leak for that."""
+    signals = replace(linear.problem.signals, error=np.full(linear.problem.signals.time.size, 0.002))
+    hot = signals.corrected("T_im", 1.05 * signals["T_im"])  # the filling is off by 5 %
+    leak = effect("leak.inlet")
+    for seen in (signals, hot):
+        passed = np.maximum(seen["W_maf"] - 0.002, 0.0)
+        share = (leak.apply(seen, 1e-4)["W_maf"] - seen["W_maf"]) / np.where(passed > 0.0, passed, np.inf)
+        np.testing.assert_allclose(share[passed > 0.0], 0.069, rtol=0.02)  # density of the day

@@ -124,3 +124,20 @@ def test_an_effect_is_judged_by_the_weights_beside_it_before_it_is_given_up(monk
     search = select._search(problem, lambda _: None, lambda work, *on: work(*on))
     assert tried == [strong]
     assert search.ranking == (strong,)  # the probability of nothing is that of the candidate as it was judged
+
+
+@pytest.mark.parametrize(
+    ("place", "begin", "kept"),
+    [("sensor", 103.0, [0]), ("sensor", 130.0, [0, 1]), ("intake", 103.0, [0, 1]), ("sensor", -np.inf, [0, 1])],
+)
+def test_what_begins_with_a_stronger_effect_at_its_place_is_part_of_it(place, begin, kept):
+    terms = [
+        SimpleNamespace(effect=SimpleNamespace(place="sensor"), begin=100.0),
+        SimpleNamespace(effect=SimpleNamespace(place=place), begin=begin),
+    ]
+    assert [i for i in (0, 1) if not select._is_part(i, [400.0, 60.0], terms)] == kept
+
+
+def test_two_effects_of_the_whole_drive_are_two():
+    terms = [SimpleNamespace(effect=SimpleNamespace(place="sensor"), begin=-np.inf) for _ in range(2)]
+    assert not any(select._is_part(i, [400.0, 60.0], terms) for i in (0, 1))

@@ -225,10 +225,11 @@ def on_the_intake(in_order: Mapping[str, float], unfilled: Callable[[AsFound, Si
 
     def bypass(s: Signals, area: float) -> Signals:
         """Return the flow before a hole that draws air in behind the filter."""
-        # The hole takes a fixed share of what passes the sensor, whatever the sensor's own error: of the filling's flow.
+        # The hole takes a fixed share of what passes the sensor, whatever the sensor's own error. The filling tells that flow where
+        # no map does. Beside a map it must not: a share of the filling takes that share of its errors off, and explains them.
         share = shared.past_the_filter(s, area, s.constants.constants.R_a)
-        filling = s[SENSOR] - unfilled(s.constants, s)
-        return s.corrected(SENSOR, s[SENSOR] + share / (1.0 + share) * np.maximum(filling, 0.0))
+        passed = (s[SENSOR] - unfilled(s.constants, s)) / (1.0 + share) if s.error is None else s[SENSOR] - s.error
+        return s.corrected(SENSOR, s[SENSOR] + share * np.maximum(passed, 0.0))
 
     found = (
         Effect("leak.inlet", "area", "m^2", 0.0, 3e-5, -3e-5, 5e-4, "sensor", bypass, ALTITUDE, True),
