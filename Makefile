@@ -19,13 +19,14 @@ FAULT  := configs/effects/undeclared_leak.toml
 .DELETE_ON_ERROR:
 .SUFFIXES:
 .SECONDARY:
-.PHONY: help setup run test test-all lint bench blind blind2 thresholds forms wrong as-it-is series fleet-proof unit extrapolation docs defects schemas kill fuzz mutants matrix clean
+.PHONY: help setup run test test-slow proofs lint bench blind blind2 thresholds forms wrong as-it-is series fleet-proof unit extrapolation docs defects schemas kill fuzz mutants matrix clean
 
 help:
 	@echo 'make run     the whole chain, ends with $(BUILD)/report.html and a result per cycle'
 	@echo 'make setup   a virtual environment in $(VENV) with all dependencies'
 	@echo 'make test    the tests that take a moment; eight minutes of processor'
-	@echo 'make test-all them and the slow ones; tests/README.md says which and why'
+	@echo 'make test-slow them and the slow ones, which is what CI runs; tests/README.md says which and why'
+	@echo 'make proofs  the longest tests, which CI leaves out; fifteen minutes of one processor'
 	@echo 'make lint    ruff and mypy'
 	@echo 'make blind   the blind bank: effects drawn at random, for both engines, judged by a process that cannot know them; an hour and a half'
 	@echo 'make blind2  the second bank: engines of another structure, effects with other formulas; may be stopped, and goes on; hours for all 360 drives'
@@ -106,10 +107,13 @@ PYTEST := $(VENV)/bin/python -m pytest -n auto --dist loadfile --no-loadscope-re
 
 # --- checks -----------------------------------------------------------------------------------------------------------------
 test: $(VENV)/.ready
-	$(PYTEST) -m 'not slow'
+	$(PYTEST) -m 'not slow and not proof'
 
-test-all: $(VENV)/.ready
-	$(PYTEST)
+test-slow: $(VENV)/.ready
+	$(PYTEST) -m 'not proof'
+
+proofs: $(VENV)/.ready
+	$(VENV)/bin/python benchmarks/proofs.py
 
 lint: $(VENV)/.ready
 	$(VENV)/bin/ruff check .

@@ -44,8 +44,18 @@ DEAR = (
 """Files that take longest, the longest first: begun last, one of them would keep a single worker busy while the others are done."""
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+PROOFS = pytest.StashKey[list[str]]()
+
+
+@pytest.fixture
+def proofs(request: pytest.FixtureRequest) -> list[str]:
+    """Return the tests marked `proof` among those that this run has read."""
+    return request.config.stash[PROOFS]
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Begin with what takes longest; what follows stays in its order."""
+    config.stash[PROOFS] = [item.nodeid for item in items if item.get_closest_marker("proof")]
     turn = {Path(__file__).parent / name: number for number, name in enumerate(DEAR)}
     assert [path for path in turn if not path.is_file()] == []
     items.sort(key=lambda item: turn.get(item.path, len(DEAR)))

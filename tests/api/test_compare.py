@@ -38,7 +38,7 @@ def two(tmp_path, change, seed=1):
     return write(tmp_path / "a.h5", draws[0]), write(tmp_path / "b.h5", draws[1] + change)
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_where_nothing_has_changed_nothing_is_found(tmp_path):
     p_values, held, accused = [], [], 0
     for seed in range(100):

@@ -18,7 +18,7 @@ def run(*arguments, **environment):
     return subprocess.run(call, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=900, check=False)
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_one_log_of_every_kind_is_judged_rightly(tmp_path):
     done = run("--engine", "diesel", "--only", *NUMBERS, "--folder", tmp_path)
     assert done.returncode == 0, done.stderr

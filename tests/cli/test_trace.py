@@ -128,7 +128,7 @@ def every_other(path, out):
     return out
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_a_slow_log_in_order_is_no_reason_for_suspicion(lpvobs, config, chain, tmp_path):
     """What is left at 10 Hz may be what slow sampling leaves: no verdict rather than a wrong one."""
     log, result = every_other(chain.log, tmp_path / "clean.parquet"), tmp_path / "result.h5"

@@ -202,7 +202,7 @@ def test_a_day_that_differs_by_one_and_a_half_per_cent_is_no_fault_but_is_report
     assert 0.005 < moved["fuel"] < 0.02
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_what_no_effect_explains_is_not_named(judge, another_day):
     slow = 1.0 + 0.25 * np.sin(2.0 * np.pi * another_day["time"] / 45.0)
     wrong = {**another_day, "W_maf": slow * another_day["W_maf"]}

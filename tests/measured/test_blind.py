@@ -11,7 +11,7 @@ from repository import ROOT
 CLEAN, LEAK = "0", "16"
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_a_clean_day_and_a_leak_are_told_apart_on_altered_recordings(measured, tmp_path):
     call = [sys.executable, "benchmarks/blind", "--engine", "throttled", "--bank", "77", "--only", CLEAN, LEAK]
     call += ["--jobs", "1", "--folder", str(tmp_path), "--out", "-"]

@@ -56,8 +56,13 @@ def test_nothing_is_found_before_the_fault_begins(folder, traced, name):
     assert traced(f"morning_{name}").verdict == "none"
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", FAULTS)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.proof if name.startswith("wltp_f_pi") else pytest.mark.slow)
+        for name in FAULTS
+    ],
+)
 def test_a_fault_that_somebody_built_in_is_named_sized_and_dated(traced, name):
     expected, factor = FAULTS[name]
     found = traced(name)

@@ -4,7 +4,7 @@ import pytest
 from robust.kill import VERBS, run
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_no_kill_tears_or_loses_a_file():
     hits = run(24, 7, ["estimate", "extrapolate", "export"], lambda line: None)
     assert hits >= 8  # otherwise the verbs had ended before, and nothing was tried

@@ -92,7 +92,7 @@ def test_without_a_vehicle_there_is_no_speed_cycle(heavy):
         simulate(heavy.engine, heavy.simulation, "ftp75")
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_the_whole_chain_on_its_own_cycle(lpvobs, tmp_path):
     log, gain, result, page = (tmp_path / name for name in ("whtc.parquet", "gain.h5", "map.h5", "page.html"))
     proven = tmp_path / "configured.h5"
