@@ -67,9 +67,7 @@ def _corrected(problem: Problem, beta: Array, signals: Signals, effect: Effect, 
         return effect.apply(signals, size)
     for log, own in days.items():
         if size + own != effect.null:
-            begins = (problem.clock - problem.time)[problem.of_log == log][0]
-            columns = np.isclose(problem.signals.clock - problem.signals.time, begins)  # the log's
-            signals = signals.where(columns, effect.apply(signals, size + own))
+            signals = signals.where(problem.columns[log], effect.apply(signals, size + own))
     return signals
 
 

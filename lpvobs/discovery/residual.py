@@ -103,6 +103,13 @@ class Problem(Places):
             yield log, level, float(size)
 
     @cached_property
+    def columns(self) -> tuple[NDArray[np.bool_], ...]:
+        """Which columns of the signals are of each log, shape (C,) for every log."""
+        begins, s = self.clock - self.time, self.signals
+        first = [begins[self.of_log == log][0] for log in np.unique(self.of_log)]
+        return tuple(np.isclose(s.clock - s.time, begin) for begin in first)
+
+    @cached_property
     def by_reading(self) -> Array:
         """Derivative of the residual by the reading of the sensor, zero where a balance does not count, shape (B, K)."""
         found = self.model.by_reading(self.model.constants, self.signals, self.blocks)
