@@ -289,16 +289,13 @@ def _pruned(linear: Linear, accepted: Sequence[Candidate]) -> tuple[Sequence[Can
     Where healthy drives tell, what begins at the place of a stronger effect in the same moment is that effect, of another shape
     than the catalogue's. It was in the model until here, so that nothing else took its place.
     """
-    if len(accepted) > 1 and len(linear.problem.patterns):
-        strong = [wald(in_place(linear, i, c)) for i, c in enumerate(accepted)]
-        kept = [i for i in range(len(strong)) if not _is_part(i, strong, linear.terms)]
-        if len(kept) < len(strong):
-            accepted = [accepted[i] for i in kept]
-            linear = fit(linear.problem, [linear.terms[i] for i in kept], start=linear)
     while accepted:
         accepted = [in_place(linear, i, c) for i, c in enumerate(accepted)]
-        weakest = int(np.argmin([wald(c) for c in accepted]))
-        if wald(accepted[weakest]) >= thresholds.WEAKEST:
+        strong = [wald(c) for c in accepted]
+        learned = len(linear.problem.patterns) > 0
+        parts = [i for i in range(len(strong)) if learned and _is_part(i, strong, linear.terms)]
+        weakest = parts[0] if parts else int(np.argmin(strong))
+        if not parts and strong[weakest] >= thresholds.WEAKEST:
             break
         accepted = [item for i, item in enumerate(accepted) if i != weakest]
         terms = [t for i, t in enumerate(linear.terms) if i != weakest]
