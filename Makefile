@@ -50,10 +50,13 @@ help:
 # --- set-up ---------------------------------------------------------------------------------------------------------------
 setup: $(VENV)/.ready
 
-$(VENV)/.ready: pyproject.toml
+$(VENV)/.installed: pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit("Python 3.11 or newer is needed, this is " + sys.version.split()[0] if sys.version_info < (3, 11) else 0)'
 	$(PYTHON) -m venv $(VENV)
 	$(VENV)/bin/pip install --quiet --disable-pip-version-check --no-compile --editable '.[dev]'
+	touch $@
+
+$(VENV)/.ready: $(VENV)/.installed
 	$(VENV)/bin/lpvobs selftest > /dev/null  # compiles every kernel and module on its way, which no verb waits for then
 	touch $@
 
@@ -115,7 +118,7 @@ test-slow: $(VENV)/.ready
 proofs: $(VENV)/.ready
 	$(VENV)/bin/python benchmarks/proofs.py
 
-lint: $(VENV)/.ready
+lint: $(VENV)/.installed
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/mypy
@@ -211,7 +214,7 @@ docs: $(VENV)/.docs-ready
 	$(VENV)/bin/mkdocs build --strict --site-dir $(BUILD)/docs
 	@echo 'Look at $(BUILD)/docs/index.html'
 
-$(VENV)/.docs-ready: $(VENV)/.ready
+$(VENV)/.docs-ready: $(VENV)/.installed
 	$(VENV)/bin/pip install --quiet --disable-pip-version-check --editable '.[docs]'
 	touch $@
 

@@ -78,7 +78,8 @@ def first_run(tree: Path, root: Path, name: str) -> list[str]:
     code = "from lpvobs.cli.start import run; run()"
     script.write_text(f"#!/bin/sh\nexec {sys.executable} -c '{code}' \"$@\"\n", encoding="utf-8")
     script.chmod(0o755)
-    (venv / ".ready").touch()
+    for done in (".installed", ".ready"):
+        (venv / done).touch()
     compiles = "bin/lpvobs selftest" in (tree / "Makefile").read_text(encoding="utf-8")
     set_up = taken(tree, root / name, cache, "selftest") if compiles else 0.0
     build, begin = root / f"{name}-build", time.monotonic()
