@@ -144,7 +144,7 @@ def _on_cluster(function: Callable[[Task], Result], tasks: Sequence[Task], addre
                     yield number, result
             except CancelledError:  # what becomes of tasks when their scheduler has gone
                 pass
-            except OSError:
+            except Exception:  # a client that has given its scheduler up has many ways to say so
                 if client.status == "running":  # the scheduler is there: the task has failed
                     raise
         patience = PATIENCE

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -159,6 +160,38 @@ def test_a_scheduler_that_is_not_there_is_said_in_one_line():
     with pytest.raises(UsageError, match="cannot be reached") as failure:
         list(jobs.Workers(scheduler="tcp://127.0.0.1:1").finished(squared, [1]))
     assert "\n" not in str(failure.value)
+
+
+class Client:
+    """Dask's client in small, with threads for workers; asked once too often, its scheduler has been gone for too long."""
+
+    def __init__(self, questions):
+        self.status, self.questions = "running", questions
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        pass
+
+    def get_executor(self, **_):
+        return ThreadPoolExecutor(1)
+
+    def nthreads(self):
+        self.questions -= 1
+        if self.questions < 0:
+            self.status = "closed"
+            raise AttributeError("'NoneType' object has no attribute 'ncores'")  # what Dask says
+        return {"worker": 1}
+
+
+def test_a_scheduler_that_was_gone_for_too_long_gets_what_is_left(monkeypatch):
+    pytest.importorskip("distributed", reason="Dask is not installed; pip install lpvobs[cluster]")
+    made = iter([Client(3), Client(0), Client(100)])
+    monkeypatch.setattr(jobs, "_client", lambda *_: next(made))
+    tasks = list(range(12))
+    assert sorted(jobs.Workers(scheduler="tcp://gone").finished(squared, tasks)) == [(n, n * n) for n in tasks]
+    assert next(made, None) is None
 
 
 def start(folder, name, *arguments):
