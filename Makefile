@@ -26,7 +26,7 @@ help:
 	@echo 'make setup   a virtual environment in $(VENV) with all dependencies'
 	@echo 'make test    the tests that take a moment; eight minutes of processor'
 	@echo 'make test-slow them and the slow ones, which is what CI runs; tests/README.md says which and why'
-	@echo 'make proofs  the longest tests, which CI leaves out; fifteen minutes of one processor'
+	@echo 'make proofs  what takes longer than CI has time for, and how each ended; half an hour of one processor'
 	@echo 'make lint    ruff and mypy'
 	@echo 'make blind   the blind bank: effects drawn at random, for both engines, judged by a process that cannot know them; an hour and a half'
 	@echo 'make blind2  the second bank: engines of another structure, effects with other formulas; may be stopped, and goes on; hours for all 360 drives'

@@ -1,7 +1,6 @@
-"""The tests that take longest, and how each ended: `make proofs`, or `python benchmarks/proofs.py [OPTION...]`.
+"""The tests that CI has no time for, and how each ended: `make proofs`, or `python benchmarks/proofs.py [OPTION...]`.
 
-They are the tests marked `proof`, which CI leaves out. Options are those of pytest. Those that need recordings are skipped without
-them, and the page says so.
+They are the tests marked `proof`. Options are those of pytest. The page also says which were skipped.
 """
 
 import os
@@ -9,7 +8,7 @@ import sys
 import time
 
 import pytest
-from common import markdown, publish
+from common import commit, markdown, publish
 
 
 class Watch:
@@ -28,11 +27,12 @@ def main(options: list[str]) -> int:
     """Run the proofs and write their page; return pytest's exit code."""
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
     watch, begin = Watch(), time.perf_counter()
-    code = int(pytest.main(["-m", "proof", *options], plugins=[watch]))
+    together = ["-n", "auto", "--dist", "loadfile", "--no-loadscope-reorder"]
+    code = int(pytest.main(["-m", "proof", *together, *options], plugins=[watch]))
     rows = [[f"`{name}`", outcome] for name, outcome in sorted(watch.outcomes.items())]
-    took = f"{time.perf_counter() - begin:.0f} s on the clock, one after the other"
-    text = f"Tests that CI leaves out because they take long: {took}.\n\n{markdown(['test', 'outcome'], rows)}"
-    publish("proofs", "The longest tests", text, "make proofs")
+    took = f"{time.perf_counter() - begin:.0f} s on the clock"
+    head = f"Tests that CI leaves out because they take long: {len(rows)} in {took}. The code is that of commit {commit()}."
+    publish("proofs", "The longest tests", f"{head}\n\n{markdown(['test', 'outcome'], rows)}", "make proofs")
     return code
 
 

@@ -21,7 +21,7 @@ HERE = Path(__file__).parent
 REPOSITORY = HERE.parents[1]
 sys.path[:0] = [str(REPOSITORY), str(HERE.parent)]
 
-from common import publish  # noqa: E402
+from common import commit, publish  # noqa: E402
 from faults import UNLISTED, Hose  # noqa: E402
 from plan import Drive, drawn_drive, parameter_of  # noqa: E402
 from population import driven, plant, population, prepare, write  # noqa: E402
@@ -69,9 +69,8 @@ def main() -> None:
     if given.out == "-":
         print((bank.home / "page.md").read_text(encoding="utf-8"))
     else:
-        call = ["git", "-C", str(given.judge_with), "rev-parse", "--short", "HEAD"]
-        commit = subprocess.run(call, capture_output=True, text=True, check=False).stdout.strip()
-        head = f"Seed {bank.seed}, drawn after commit {commit}, whose code judged. Rules: `benchmarks/blind2/rules.md`."
+        judge = commit(given.judge_with)
+        head = f"Seed {bank.seed}, drawn after commit {judge}, whose code judged. Rules: `benchmarks/blind2/rules.md`."
         publish(given.out, "The second bank", f"{head}\n\n{text}", "make blind2")
 
 

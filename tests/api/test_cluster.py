@@ -116,12 +116,12 @@ def test_a_worker_that_dies_is_said_in_one_line():
     assert "\n" not in str(failure.value)
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_processes_give_the_map_of_one_process(setting, logs, alone, tmp_path):
     same(estimated(setting, logs, tmp_path / "r.h5", jobs.Workers(2)), alone)
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_several_groups_of_logs_give_one_map_in_any_number_of_processes(setting, logs, alone, tmp_path, monkeypatch):
     monkeypatch.setattr(groups, "TOGETHER", 2)
     found = [estimated(setting, logs, tmp_path / f"{n}.h5", jobs.Workers(n)) for n in (1, 2)]
@@ -140,7 +140,7 @@ def test_what_finishes_early_waits_for_its_turn(monkeypatch):
     assert list(groups.by_group(jobs.Workers(), found, list)) == [["a", "b"], ["c", "d"], ["e"]]
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_processes_give_the_fleet_of_one_process(followed, logs, fleet, tmp_path):
     assert followed(logs[::-1], tmp_path / "f.h5", jobs=2) == fleet
 
@@ -154,7 +154,7 @@ def test_who_finishes_last_changes_no_bit_of_a_fleet(followed, logs, tmp_path, m
     assert followed([logs[2], logs[0], logs[1]], tmp_path / "f.h5", jobs=1) == in_order
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_a_scheduler_that_is_not_there_is_said_in_one_line():
     pytest.importorskip("distributed", reason="Dask is not installed; pip install lpvobs[cluster]")
     with pytest.raises(UsageError, match="cannot be reached") as failure:
@@ -256,7 +256,7 @@ def test_a_worker_that_is_killed_half_way_changes_no_bit(setting, logs, alone, c
     same(found, alone)
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_a_worker_that_is_killed_half_way_changes_no_bit_of_a_fleet(followed, logs, fleet, cluster, tmp_path):
     from distributed import Client
 
@@ -302,7 +302,7 @@ def restarted(tmp_path):
         ended()
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_a_scheduler_that_goes_away_and_comes_back_gets_what_is_left(setting, logs, alone, restarted, tmp_path):
     address, again = restarted
     seen = []
@@ -316,7 +316,7 @@ def test_a_scheduler_that_goes_away_and_comes_back_gets_what_is_left(setting, lo
     assert len(seen) >= LOGS
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_a_scheduler_that_goes_away_and_comes_back_gets_what_is_left_of_a_fleet(
     followed, logs, fleet, restarted, tmp_path
 ):

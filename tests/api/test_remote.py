@@ -135,7 +135,7 @@ def on_disk(logs, maps, tmp_path_factory):
     return maps(folder)
 
 
-@pytest.mark.parametrize("store", ["memory", pytest.param("s3", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("store", ["memory", pytest.param("s3", marks=pytest.mark.proof)])
 def test_track_and_estimate_find_the_same_as_on_a_disk(store, maps, on_disk, request):
     for one, other in zip(maps(request.getfixturevalue(store)), on_disk, strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-6, atol=1e-9)

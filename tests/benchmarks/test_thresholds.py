@@ -99,7 +99,7 @@ def test_a_part_of_an_array_forgets_what_it_hung_on(recorder):
     assert not recorder.of("T").decisions
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_the_study_watches_varies_and_tells(tmp_path, monkeypatch, capsys):
     spec = importlib.util.spec_from_file_location("thresholds_study", HOME / "__main__.py")
     study = importlib.util.module_from_spec(spec)

@@ -196,7 +196,7 @@ def test_it_prints(page, tmp_path):
     assert len(re.findall(rb"/Type\s*/Page\b", data)) >= 3
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_a_thousand_vehicles_are_a_small_page_that_draws_at_once(tmp_path):
     names = [f"V{number:04}" for number in range(1000)]
     grid = Grid(np.linspace(0.0, 56.0, 15), np.linspace(0.0, 4000.0, 17))

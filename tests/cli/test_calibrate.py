@@ -42,7 +42,7 @@ def test_text_names_what_the_data_determined(lpvobs, other_engine, folder):
         assert json.loads(file["provenance"].attrs["inputs_sha256"]).keys() == {"bench.csv"}
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_estimate_is_better_with_the_engine(lpvobs, other_engine, chain, folder):
     without = estimated(lpvobs, other_engine, chain, folder / "without.h5")
     known = estimated(lpvobs, other_engine, chain, folder / "with.h5", "--engine", other_engine.known)
@@ -66,7 +66,7 @@ def test_healthy_logs_and_meters_teach(lpvobs, other_engine, chain, folder):
     assert (lacking.code, "'W_reference' is missing" in lacking.err) == (3, True)
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_a_plan_names_points_that_help(lpvobs, other_engine, folder):
     bench = ("--bench", other_engine.bench, "--plan", "--out", folder / "plan.h5")
     known = lpvobs("calibrate", "--config", DIESEL, *bench, "--json")

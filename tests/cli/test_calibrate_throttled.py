@@ -72,7 +72,7 @@ def test_only_healthy_logs_teach_it(lpvobs, folder, option):
     assert "is calibrated from logs with a healthy MAF sensor only" in done.err
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_a_fleet_of_such_engines_is_tracked_with_what_was_taught_once(lpvobs, engine, folder):
     (folder / "fleet").mkdir()
     logs = [

@@ -39,7 +39,7 @@ def result(lpvobs, other_engine, chain, configured):
     return out
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_a_file_beside_the_configuration_is_the_option(lpvobs, other_engine, chain, result, tmp_path):
     said = ("--engine", other_engine.known, "--gain", chain.gain, other_engine.drive, "--out", tmp_path / "said.h5")
     assert lpvobs("estimate", "--config", DIESEL, *said).code == 0
@@ -89,7 +89,7 @@ def test_a_map_that_is_made_anew_starts_with_the_calibration(stored):
     assert start.total(dict.fromkeys(model.names, 0.0))["V_d"] == pytest.approx(deviation["V_d"])
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_refine_takes_an_engine(lpvobs, other_engine, chain, tmp_path):
     plain = tmp_path / "plain.h5"
     call = ("estimate", "--config", DIESEL, "--gain", chain.gain, other_engine.healthy, "--out", plain)
@@ -100,7 +100,7 @@ def test_refine_takes_an_engine(lpvobs, other_engine, chain, tmp_path):
     assert not free.json["map_frozen"]
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_trace_takes_an_engine(lpvobs, other_engine, chain, result, tmp_path):
     engine = ("--engine", other_engine.known)
     refused = lpvobs("trace", chain.result, other_engine.drive, *engine)

@@ -50,7 +50,7 @@ def test_a_folder_is_its_logs_and_says_which_agree(together):
     assert sorted(path.name for path in out.parent.iterdir()) == ["r.h5", "said.json"]  # the parts are gone
 
 
-@pytest.mark.parametrize("jobs", [pytest.param(jobs, marks=pytest.mark.slow) for jobs in (2, 3)])
+@pytest.mark.parametrize("jobs", [pytest.param(jobs, marks=pytest.mark.proof) for jobs in (2, 3)])
 def test_neither_the_jobs_nor_the_order_of_the_logs_change_a_byte(estimate, fleet, together, tmp_path, jobs):
     out = tmp_path / "r.h5"
     names = sorted(fleet.iterdir(), reverse=jobs == 3)
@@ -83,7 +83,7 @@ def test_a_log_that_was_left_out_is_in_every_artefact(lpvobs, with_a_bad_one, tm
     assert (root.get("tests"), root.get("failures"), root.get("errors")) == (str(LOGS + 1), "0", "1")
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_logs_of_one_name_are_told_apart_by_their_folders(estimate, fleet, together, tmp_path):
     for number in range(LOGS):
         (tmp_path / f"V{number}").mkdir()
@@ -95,7 +95,7 @@ def test_logs_of_one_name_are_told_apart_by_their_folders(estimate, fleet, toget
         np.testing.assert_array_equal(file["map/delta_W_c"], whole["map/delta_W_c"])
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_of_many_logs_a_summary_and_the_unusual_are_shown(estimate, table, tmp_path):
     bare = table.drop_columns([name for name in table.column_names if name.startswith("ref_")])
     place, field = table.column_names.index("W_maf"), table.schema.field("W_maf")
@@ -111,7 +111,7 @@ def test_of_many_logs_a_summary_and_the_unusual_are_shown(estimate, table, tmp_p
     assert " - " not in done.out
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_a_sensor_that_has_drifted_is_shown(estimate, fleet, together, table, tmp_path):
     place = table.column_names.index("W_maf")
     field, column = table.schema.field("W_maf"), table["W_maf"].to_numpy()
@@ -123,7 +123,7 @@ def test_a_sensor_that_has_drifted_is_shown(estimate, fleet, together, table, tm
     assert "log drifted: its map differs from the map of all logs by" in done.err
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_a_killed_run_goes_on_where_it_was(estimate, config, chain, fleet, together, tmp_path):
     out = tmp_path / "r.h5"
     parts = tmp_path / "r.h5.parts"
@@ -144,7 +144,7 @@ def test_a_killed_run_goes_on_where_it_was(estimate, config, chain, fleet, toget
     assert list(tmp_path.iterdir()) == [out]
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_parts_of_another_configuration_are_not_taken(estimate, config, chain, fleet, together, tmp_path):
     out, other = tmp_path / "r.h5", tmp_path / "other.toml"
     other.write_text(config.read_text().replace("smoothing = 0.05 ", "smoothing = 0.06 "))
@@ -163,7 +163,7 @@ def test_parts_of_another_configuration_are_not_taken(estimate, config, chain, f
     assert contents(out) == contents(together[0])
 
 
-@pytest.mark.parametrize("sent", [pytest.param(signal.SIGINT, marks=pytest.mark.slow), signal.SIGKILL])
+@pytest.mark.parametrize("sent", [pytest.param(signal.SIGINT, marks=pytest.mark.proof), signal.SIGKILL])
 def test_no_process_is_left_behind(config, chain, fleet, tmp_path, sent):
     out, parts = tmp_path / "r.h5", tmp_path / "r.h5.parts"
     call = ["estimate", "--config", config, "--gain", chain.gain, fleet, "--jobs", "2", "--out", out]

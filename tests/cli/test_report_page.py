@@ -85,7 +85,7 @@ def test_one_page_that_needs_nothing_else(lpvobs, chain, page, tmp_path):
     assert all(f'id="{target}"' in text for target in re.findall(r'href="#([^"]+)"', text))
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_what_stands_in_a_file_is_never_markup(lpvobs, config, chain, tmp_path):
     odd = tmp_path / "<b onclick=alert(1)>.parquet"
     odd.write_bytes(chain.log.read_bytes())

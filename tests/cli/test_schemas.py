@@ -109,7 +109,7 @@ def printed(call):
     return json.loads(done.stdout)
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_every_verb_is_called_and_has_a_schema(outputs, validator):
     assert {content["schema"] for content in outputs.values()} == {f"lpvobs/{verb}/1" for verb in VERBS}
     for verb in VERBS:

@@ -43,7 +43,7 @@ def test_the_refined_model_is_stored_beside_the_map_that_stood(refined, chain):
         assert "extrapolation" in file
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_the_map_of_its_own_log_is_estimated_anew_by_the_observer(lpvobs, config, chain, tmp_path):
     """A hole in the intake makes the map of the configured engine wrong by 4 %; refined, it is right again."""
     leaky, own, out = tmp_path / "leaky.parquet", tmp_path / "own.h5", tmp_path / "refined.h5"
@@ -141,7 +141,7 @@ def test_a_slow_log_in_order_is_no_reason_for_suspicion(lpvobs, config, chain, t
     assert result.read_bytes() == before
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_a_slow_sensor_is_named_on_a_slow_log(lpvobs, chain, slow, tmp_path):
     """10 Hz, against healthy drives at 20 Hz; a lag of one sample is not told from a dead time."""
     log = every_other(slow, tmp_path / "slow.parquet")
@@ -157,7 +157,7 @@ def test_what_has_no_name_is_refused_on_a_slow_log(rate, refused):
         _refuse_slow([log])
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_a_log_that_cannot_be_used_is_named_and_left_out(lpvobs, chain, refined, slow, traced, tmp_path):
     _, bad, done = traced
     assert done.code == 3

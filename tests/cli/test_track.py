@@ -83,7 +83,7 @@ def test_the_table_has_a_row_for_each_vehicle_period_and_node(whole):
     assert set(table["period"].to_pylist()) == {f"2025-0{m}" for m in range(1, 5)}
 
 
-@pytest.mark.slow  # quick where the fleet is small: tests/api/test_cluster.py
+@pytest.mark.proof  # quick where the fleet is small: tests/api/test_cluster.py
 def test_the_order_of_the_logs_does_not_matter_to_a_bit(whole, fleet, track, tmp_path):
     done = track(
         tmp_path / "fleet.h5", sorted(fleet.rglob("*.parquet"), key=lambda path: path.name[::-1], reverse=True)
@@ -94,7 +94,7 @@ def test_the_order_of_the_logs_does_not_matter_to_a_bit(whole, fleet, track, tmp
     assert all(np.array_equal(again[name], before[name], equal_nan=before[name].dtype.kind == "f") for name in before)
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_a_month_more_is_added_without_the_old_logs(whole, fleet, track, tmp_path):
     out = tmp_path / "fleet.h5"
     assert track(out, [fleet / "?" / f"2025-0{m}.parquet" for m in range(1, 4)]).code == 0
@@ -105,7 +105,7 @@ def test_a_month_more_is_added_without_the_old_logs(whole, fleet, track, tmp_pat
         np.testing.assert_allclose(added[name], at_once[name], rtol=1e-4, atol=1e-7)
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_what_a_stopped_run_had_read_is_said(fleet, track, config, chain, tmp_path, monkeypatch):
     out, logs = tmp_path / "fleet.h5", [fleet / "?" / "2025-01.parquet"]
     monkeypatch.setattr(PartsFolder, "remove", lambda _: None)

@@ -53,7 +53,7 @@ def test_an_order_that_no_engine_has_is_said(estimated, table):
 
 
 @pytest.mark.parametrize(
-    ("factor", "why"), [pytest.param(3.6, "the sensor's unit", marks=pytest.mark.slow), (1e-3, "unplugged")]
+    ("factor", "why"), [pytest.param(3.6, "the sensor's unit", marks=pytest.mark.proof), (1e-3, "unplugged")]
 )
 def test_a_map_larger_than_a_sensor_can_be_wrong_is_refused(estimated, table, tmp_path, factor, why):
     reading = table["W_maf"].to_numpy()
@@ -64,7 +64,7 @@ def test_a_map_larger_than_a_sensor_can_be_wrong_is_refused(estimated, table, tm
     assert not (tmp_path / "map.h5").exists()
 
 
-@pytest.mark.slow  # quick in api/test_doubts.py
+@pytest.mark.proof  # quick in api/test_doubts.py
 def test_a_constant_that_is_off_is_said(lpvobs, config, chain, tmp_path):
     odd = tmp_path / "odd.toml"
     odd.write_text(config.read_text().replace("V_d = 1.910e-3", "V_d = 2.3e-3"))

@@ -312,7 +312,7 @@ def test_a_result_has_its_gain_its_metrics_and_where_it_comes_from(chain):
         assert "estimate" in told["command_line"]
 
 
-@pytest.mark.slow  # quick with a log without truth, above
+@pytest.mark.proof  # quick with a log without truth, above
 def test_the_same_inputs_give_the_same_numbers(lpvobs, config, chain, tmp_path):
     again = tmp_path / "again.h5"
     assert lpvobs("estimate", "--config", config, "--gain", chain.gain, chain.log, "--out", again).code == 0

@@ -59,7 +59,7 @@ def test_the_curve_is_that_of_the_engine(found, clean):
     assert error < 0.25 * BUMP  # the requirement
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_a_curve_that_begins_is_dated(plant, config, clean):
     """Half of the drive is as the model says: a curve of the whole drive would have half of the amplitude."""
     onset = 150.0

@@ -22,7 +22,7 @@ def limited(t, _):
 
 
 @pytest.fixture(
-    scope="module", params=[(growing, "ramp"), pytest.param((limited, "saturating"), marks=pytest.mark.slow)]
+    scope="module", params=[(growing, "ramp"), pytest.param((limited, "saturating"), marks=pytest.mark.proof)]
 )
 def case(request, plant, config, clean, misread):
     """Return a course, its name, the log that has it and what was found there."""
@@ -64,7 +64,7 @@ def test_words_say_the_course(case):
     assert {"ramp": "growing from", "saturating": "building up from"}[name] in said
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_a_valve_that_sticks_between_two_speeds_is_found_as_that(plant, config, record):
     table = {"id": "egr.area", "factor": 0.7, "course": "hysteresis", "input": "n_e", "low": 1150.0, "high": 1700.0}
     prior = free_map(config.grid(), len(plant.names), 0.1)

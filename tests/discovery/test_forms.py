@@ -95,7 +95,7 @@ def test_a_log_without_the_channel_is_refused(clean):
         along_log(WARM, clean, clean.time)
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_a_housing_that_warms_up_is_found_as_a_formula_and_taken_out(plant, config, clean, misread):
     seconds, tau = 0.01, 40.0
     warm = np.empty(clean.time.size)

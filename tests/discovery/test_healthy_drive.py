@@ -197,7 +197,7 @@ def test_what_a_healthy_engine_seems_to_have_is_no_fault(healthy, plant, config,
     assert wider.standard_error > 0.04
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_a_reading_that_follows_what_no_effect_lists_is_found_as_a_formula(healthy, plant, config, prior, other, clean):
     """No listed effect was proven on such drives, and the verdict was `none`: formulas were asked for only after one was."""
     warm = clean["T_im"] - clean["T_im"].mean()
@@ -209,7 +209,7 @@ def test_a_reading_that_follows_what_no_effect_lists_is_found_as_a_formula(healt
     assert found.p_value < 1e-3
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_what_changes_along_healthy_drives_is_no_step(plant, config, prior, clean):
     """Cylinders that warmed up seemed to take 1 % more from some instant on: only effects of whole drives were learned."""
 
@@ -247,7 +247,7 @@ def test_a_single_healthy_drive_is_two(plant, config, prior, clean):
     assert found.whole[found.effects.index("maf.gain")] == pytest.approx(0.02, rel=0.2)  # each half from the other
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_constants_that_balances_show_are_taken_from_healthy_drives(plant, config, prior, record):
     """The map needs no balance of the turbine, so these constants stood where they were, and sound drives were called faulty."""
     q, grid = len(plant.names), config.grid()
@@ -267,7 +267,7 @@ def test_constants_that_balances_show_are_taken_from_healthy_drives(plant, confi
     assert np.all(elsewhere[1] < 0.2 * elsewhere[0] + 2.0 * elsewhere[2])
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_a_healthy_drive_is_judged_by_an_engine_that_it_did_not_make(plant, config, prior, other, monkeypatch):
     """With constants and corrections that all drives had made, each seemed sound, and a day like another was called faulty."""
     found, made = healthy_learning.by_all_balances, []

@@ -134,7 +134,7 @@ def test_a_refined_model_has_nothing_to_add_and_estimates_what_it_has_again(lear
     assert again.trace.as_json(refined=True)["known_effects"][0]["id"] == "maf.lag"
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_a_further_effect_is_added_to_those_that_stand(learned, other_cycle, misread, plant, config):
     found, *_ = learned
     prior = free_map(config.grid(), len(config.estimate.tolerance), 0.1)

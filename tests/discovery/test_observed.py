@@ -126,7 +126,7 @@ def test_the_sensors_state_is_of_second_order_in_the_step():
     assert wrong(0.02) / wrong(0.01) == pytest.approx(4.0, rel=0.1)
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_the_map_is_that_of_the_quick_sensor_and_agrees_with_the_tracers(
     model, clean, misread, plant, config, settings, healthy
 ):
@@ -147,7 +147,7 @@ def test_the_map_is_that_of_the_quick_sensor_and_agrees_with_the_tracers(
     assert np.mean(apart < 1.645) > 0.9
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_a_hole_in_the_intake_of_the_simulator_is_taken_out_of_the_map(model, record, plant, config, settings, healthy):
     """The plant has a hole, put there by formulas of its own; nobody is told."""
     log = record(effects=[CatalogueEffect("leak.intake", 2e-5)])

@@ -58,7 +58,7 @@ def test_the_sign_of_a_lag_says_what_comes_first():
     assert np.all(np.abs(values[1]) < limit[1])
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_what_is_unexplained_is_placed_in_time(plant, config, clean, misread):
     prior = free_map(config.grid(), len(config.estimate.tolerance), 0.1)
     t = clean.time

@@ -55,7 +55,7 @@ def test_a_lag_is_named_with_its_time_constant(closed, clean, misread):
     assert shown["error"]["ratio"] == pytest.approx(shown["error"]["after"] / shown["error"]["before"])
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_a_step_of_the_gain_has_its_onset(closed, clean, misread):
     found = closed(misread(clean, clean["W_maf"] * np.where(clean.time < 141.7, 1.0, 1.08)))
     (finding,) = found.trace.findings
@@ -65,7 +65,7 @@ def test_a_step_of_the_gain_has_its_onset(closed, clean, misread):
     assert finding.explained > 0.9
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_an_engine_that_breathes_less_is_the_engine_not_the_sensor(closed, record, config):
     smaller = replace(config.engine, geometry=replace(config.engine.geometry, V_d=0.9 * config.engine.geometry.V_d))
     found = closed(record(smaller))
@@ -83,7 +83,7 @@ def test_a_volume_within_its_tolerance_is_no_fault(closed, record, config):
     assert found.beta["V_im"] == pytest.approx(0.12, abs=0.03)
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_a_disturbance_that_comes_and_goes_is_not_named(closed, clean, misread):
     t = clean.time
     on = ((t > 40) & (t < 80)) | ((t > 120) & (t < 150)) | ((t > 210) & (t < 260))
@@ -91,7 +91,7 @@ def test_a_disturbance_that_comes_and_goes_is_not_named(closed, clean, misread):
     assert found.trace.verdict == "unexplained"
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_a_short_episode_far_from_a_long_one_counts(closed, clean, misread):
     t = clean.time
     on = ((t > 62) & (t < 84)) | ((t > 165) & (t < 280))
@@ -120,7 +120,7 @@ def nominal(closed, clean, config):
     return nominal_map(theta * seen, covariance, none, np.diag(spread**2), 0.1)
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_against_a_nominal_map_a_constant_gain_is_an_effect(nominal, clean, misread, plant, config):
     found = refine(plant, config.grid(), nominal, [misread(clean, 1.08 * clean["W_maf"])])
     (finding,) = found.trace.findings

@@ -126,12 +126,12 @@ def test_an_effect_and_its_level_of_the_day_are_taken_out_at_once(model, config,
 @pytest.mark.parametrize(
     ("name", "true", "width"),
     [
-        pytest.param("p_im.gain", 0.80, 0.02, marks=pytest.mark.slow),  # quick below, where a channel is missing
+        pytest.param("p_im.gain", 0.80, 0.02, marks=pytest.mark.proof),  # quick below, where a channel is missing
         pytest.param("maf.gain", 1.10, 0.02, marks=pytest.mark.slow),
-        pytest.param("p_ic.gain", 0.92, 0.02, marks=pytest.mark.slow),
-        pytest.param("p_im.offset", 6000.0, 900.0, marks=pytest.mark.slow),
-        pytest.param("alpha_th.offset", 1.0, 0.15, marks=pytest.mark.slow),
-        pytest.param("u_delta.gain", 1.12, 0.03, marks=pytest.mark.slow),
+        pytest.param("p_ic.gain", 0.92, 0.02, marks=pytest.mark.proof),
+        pytest.param("p_im.offset", 6000.0, 900.0, marks=pytest.mark.proof),
+        pytest.param("alpha_th.offset", 1.0, 0.15, marks=pytest.mark.proof),
+        pytest.param("u_delta.gain", 1.12, 0.03, marks=pytest.mark.proof),
     ],
 )
 def test_a_wrong_sensor_is_named_sized_and_dated(misread, name, true, width):
@@ -148,7 +148,7 @@ def test_a_wrong_sensor_is_named_sized_and_dated(misread, name, true, width):
     assert first.p_value < 1e-3
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_a_lag_of_the_sensor_is_told_from_its_gain(judge, another_day):
     found = judge(since(another_day, "W_maf", lambda w: lagged(w, 0.5))).trace
     assert found.verdict == "effect"
@@ -159,7 +159,7 @@ def test_a_lag_of_the_sensor_is_told_from_its_gain(judge, another_day):
     assert 0.3 < size.value < 0.7
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_a_leak_of_the_plant_is_told_from_a_wrong_pressure_and_a_wrong_sensor(judge):
     leaking = truth.noisy(truth.drive(400.0, seed=3, leak=8e-6, onset=ONSET), 4)
     closed = judge(leaking)
@@ -174,7 +174,7 @@ def test_a_leak_of_the_plant_is_told_from_a_wrong_pressure_and_a_wrong_sensor(ju
         assert item.recovered > 0.7  # the least that is asked for
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_an_effect_that_ends_has_an_end(judge, another_day):
     between = (another_day["time"] >= 100.0) & (another_day["time"] < 250.0)
     wrong = {**another_day, "W_maf": np.where(between, 0.85, 1.0) * another_day["W_maf"]}
@@ -185,7 +185,7 @@ def test_an_effect_that_ends_has_an_end(judge, another_day):
     assert abs(first.end - 250.0) < 10.0
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_two_faults_are_both_found(judge, another_day):
     wrong = since(since(another_day, "W_maf", lambda x: 1.12 * x), "p_im", lambda x: 0.88 * x, 250.0)
     found = judge(wrong).trace
@@ -215,7 +215,7 @@ def test_what_no_effect_explains_is_not_named(judge, another_day):
     ("missing", "lost"),
     [
         ("p_amb", "ambient"),
-        *(pytest.param(*gone, marks=pytest.mark.slow) for gone in (("alpha_th", "throttle"), ("m_f", "fuel"))),
+        *(pytest.param(*gone, marks=pytest.mark.proof) for gone in (("alpha_th", "throttle"), ("m_f", "fuel"))),
     ],
 )
 def test_missing_channels_leave_the_other_balances_and_are_told(judge, another_day, missing, lost):
@@ -246,7 +246,7 @@ def test_json_holds_the_contract_and_the_balances(misread, in_order):
         assert "after" not in found.as_json(refined=False)["error"]
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_a_refined_model_knows_its_effects_and_finds_no_more(judge, another_day):
     wrong = since(another_day, "p_ic", lambda x: 0.92 * x)
     found = judge(wrong)
@@ -276,7 +276,7 @@ def test_undoing_nothing_changes_nothing(model, config, another_day):
         np.testing.assert_array_equal(same.lacks, signals.lacks)
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_a_leak_that_is_named_is_taken_out_of_the_flows(model, config, judge):
     """The flow that passes the sensor is what the cylinders take less what the leak lets in: the observer is given that."""
     leaking = truth.noisy(truth.drive(400.0, seed=3, leak=8e-6, onset=ONSET), 4)

@@ -43,7 +43,7 @@ def test_the_balances_hold_on_parts_that_taught_nothing(folder):
     assert ambient < 0.005
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_nothing_is_found_on_the_healthy_log_by_parts(traced):
     assert traced("wltp_NF").verdict == "none"
 
@@ -58,10 +58,7 @@ def test_nothing_is_found_before_the_fault_begins(folder, traced, name):
 
 @pytest.mark.parametrize(
     "name",
-    [
-        pytest.param(name, marks=pytest.mark.proof if name.startswith("wltp_f_pi") else pytest.mark.slow)
-        for name in FAULTS
-    ],
+    [pytest.param(name, marks=pytest.mark.slow if name == "wltp_f_waf_110" else pytest.mark.proof) for name in FAULTS],
 )
 def test_a_fault_that_somebody_built_in_is_named_sized_and_dated(traced, name):
     expected, factor = FAULTS[name]
@@ -78,7 +75,7 @@ def test_a_fault_that_somebody_built_in_is_named_sized_and_dated(traced, name):
     assert all(share > 0.7 for balance, share in moved.items() if (name, balance) != ("wltp_f_iml_6mm", "fuel"))
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_a_refined_model_of_the_real_engine_has_its_map_estimated_again(folder):
     refined = lpvobs.refine(
         folder / "healthy.h5", folder / "wltp_f_waf_110.parquet", folder / "refined.h5", freeze_map=False

@@ -7,7 +7,7 @@ from repository import CONFIGS
 import lpvobs
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_six_drives_give_the_map_of_what_differs_between_summer_and_winter(measured, tmp_path):
     files = sorted((measured / "kit-obd").glob("*.csv"))
     assert len(files) == 6

@@ -33,7 +33,7 @@ def error(load, speed):
 
 
 # Each number of states has kernels of its own, which take seconds to compile.
-@pytest.fixture(scope="module", params=[pytest.param(n, marks=[pytest.mark.slow] * (n in (1, 4))) for n in NUMBERS])
+@pytest.fixture(scope="module", params=[pytest.param(n, marks=[pytest.mark.proof] * (n in (1, 4))) for n in NUMBERS])
 def chained(request):
     """Return the number of states, the air path, the measured states, a drive and a proven cascade."""
     n = request.param

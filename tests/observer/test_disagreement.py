@@ -38,7 +38,7 @@ def test_logs_of_one_map_agree(air_path, grid, gain, settings, fleet):
     assert 0.3 < middle < 1.1  # one by the choice of the scatter, unless noise alone explains less
 
 
-@pytest.mark.parametrize("factor", [0.97, pytest.param(1.03, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("factor", [0.97, pytest.param(1.03, marks=pytest.mark.proof)])
 def test_a_sensor_that_has_drifted_stands_out_alone(air_path, grid, gain, settings, fleet, factor):
     logs = [*fleet[:2], with_gain(fleet[2], factor), *fleet[3:]]
     _, found = judged(air_path, grid, gain, settings, logs)

@@ -178,7 +178,7 @@ def off(engine, factors):
     return engine
 
 
-@pytest.mark.slow  # quick for engines within their tolerance, below
+@pytest.mark.proof  # quick for engines within their tolerance, below
 @pytest.mark.parametrize("name", ["R_c", "V_d", "psi_0", "c_vol3", "A_egr_max"])
 def test_a_wrong_constant_hardly_moves_the_map_that_is_estimated_with_it(engine, grid, gain, drive, settings, name):
     """Considered, the map follows the constant by its sensitivity; estimated jointly, the constant goes back and the map stays."""
@@ -196,7 +196,7 @@ def test_a_wrong_constant_hardly_moves_the_map_that_is_estimated_with_it(engine,
     assert moved["joint"] < 0.35 * moved["consider"]
 
 
-@pytest.mark.parametrize("engines", [1, pytest.param(4, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("engines", [1, pytest.param(4, marks=pytest.mark.proof)])
 def test_the_map_of_an_engine_within_its_tolerance_is_found_and_its_intervals_hold(
     engine, grid, gain, drive, settings, target, engines
 ):
@@ -297,7 +297,7 @@ def test_a_log_without_two_neighbouring_samples_is_refused(air_path, grid, gain,
         (2, {}),
         (2, {"V_d": 0.01}),
         (150, {"V_d": 0.01}),
-        *(pytest.param(*case, marks=pytest.mark.slow) for case in ((5, {}), (5, {"V_d": 0.01}), (150, {}))),
+        *(pytest.param(*case, marks=pytest.mark.proof) for case in ((5, {}), (5, {"V_d": 0.01}), (150, {}))),
     ],
 )
 def test_a_log_of_one_short_visit_is_no_fault_of_the_program(air_path, grid, gain, drive, N, tolerance):

@@ -125,7 +125,7 @@ def test_the_order_of_logs_changes_no_byte(told_by, drives, in_order, order):
     assert told_by([drives[place] for place in order]) == in_order
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 @given(order=st.permutations(range(4)), many=st.integers(1, 4))
 @settings(max_examples=6)
 def test_parts_merged_are_the_whole(config, air_path, grid, drives, order, many):

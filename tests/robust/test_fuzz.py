@@ -14,7 +14,7 @@ from lpvobs.simulation.cycles import load_cycle
     [
         ("parquet bytes", 140), ("parquet content", 140), ("toml", 140), ("hdf5 bytes", 40), ("hdf5 content", 40),
         ("csv", 130), ("mat hdf5", 2),
-        *(pytest.param(kind, number, marks=pytest.mark.slow) for kind, number in (("mat", 3), ("mdf", 2))),
+        *(pytest.param(kind, number, marks=pytest.mark.proof) for kind, number in (("mat", 3), ("mdf", 2))),
     ],
 )  # fmt: skip
 def test_no_input_is_a_fault_of_the_program(samples, kind, number):
@@ -49,7 +49,7 @@ def test_the_good_files_of_the_corpus_are_good(samples, tmp_path):
     [
         foreign.csv_seeds,
         foreign.hdf_seeds,
-        *(pytest.param(make, marks=pytest.mark.slow) for make in (foreign.mat_seeds, foreign.mdf_seeds)),
+        *(pytest.param(make, marks=pytest.mark.proof) for make in (foreign.mat_seeds, foreign.mdf_seeds)),
     ],
 )
 def test_the_good_recordings_of_the_corpus_are_good(make, tmp_path):

@@ -25,7 +25,7 @@ for line in {lines!r}:
             sys.exit(f"{{line}}: exit code {{end.code}}")
 """
 RATE = ("--rate", "10")
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.proof
 
 
 def lines(jobs: int) -> list[tuple[str, ...]]:

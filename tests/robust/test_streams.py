@@ -43,7 +43,7 @@ def test_output_that_nobody_can_read_is_one_line_and_a_code(samples):
         assert lpvobs("inspect", samples.log, stderr=full).returncode == 0  # the log is as it was asked for, on stdout
 
 
-@pytest.mark.parametrize("closed", [(1,), pytest.param((2,), marks=pytest.mark.slow), (0, 1, 2)])
+@pytest.mark.parametrize("closed", [(1,), pytest.param((2,), marks=pytest.mark.proof), (0, 1, 2)])
 def test_closed_streams_hinder_nothing_and_no_file_takes_their_place(samples, tmp_path, closed):
     copy = tmp_path / "map.h5"
     copy.write_bytes(Path(samples.result).read_bytes())

@@ -15,7 +15,7 @@ from lpvobs.selftest.cases import CASES, METHODS, bilinear, known_map, row, rows
 SLOW = ("loop",)  # it simulates and searches drives
 
 
-@pytest.mark.parametrize("case", [pytest.param(case, marks=[pytest.mark.slow] * (case in SLOW)) for case in CASES])
+@pytest.mark.parametrize("case", [pytest.param(case, marks=[pytest.mark.proof] * (case in SLOW)) for case in CASES])
 def test_every_answer_is_right(case):
     rows = list(rows_of(case, CASES[case]))
     assert rows

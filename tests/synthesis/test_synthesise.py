@@ -27,7 +27,7 @@ def test_the_paper_s_outputs_suffice_at_nominal_temperatures(diesel, column, cas
 @pytest.mark.parametrize(
     ("cascade", "column", "options", "vertices"),
     [
-        pytest.param(cascade, *case, marks=() if quick else pytest.mark.slow)
+        pytest.param(cascade, *case, marks=() if quick else pytest.mark.proof)
         for cascade in (False, True)
         for quick, *case in (
             (True, "ETC", {"clipped": True}, 160),

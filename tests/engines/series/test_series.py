@@ -135,7 +135,7 @@ def test_its_map_is_found_through_the_verbs(tmp_path, without):
     assert without == ("u_egr",) or seen.metrics.visited_cells > 5
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 @pytest.mark.parametrize("further", ["lambda_e", "u_egr"])
 def test_inspect_says_what_a_further_channel_would_add(tmp_path, further):
     """The log that has the channel is the measure. The stand-in promises a gain, and here no more than the channel gives."""

@@ -211,7 +211,7 @@ def test_clang_has_nothing_to_say_either(exported, uneven, program, tmp_path):
 
 @pytest.mark.skipif(shutil.which("cppcheck") is None, reason="cppcheck is not here")
 @pytest.mark.parametrize("number", ["-UX", "-DLPVOBS_FLOAT"], ids=["double", "float"])
-@pytest.mark.slow
+@pytest.mark.proof
 def test_misra_but_for_what_the_page_lists(exported, number):
     _, folder = exported
     call = ["cppcheck", "--addon=misra", "--enable=style", "--std=c99", number, f"-I{folder}"]
