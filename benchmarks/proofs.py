@@ -1,14 +1,17 @@
 """The tests that CI has no time for, and how each ended: `make proofs`, or `python benchmarks/proofs.py [OPTION...]`.
 
-They are the tests marked `proof`. Options are those of pytest. The page also says which were skipped.
+They are the tests marked `proof`. Options are those of pytest; what it selects of one commit is added to what the page has of that
+commit.
 """
 
 import os
+import re
 import sys
-import time
 
 import pytest
-from common import commit, markdown, publish
+from common import RESULTS, commit, markdown, publish
+
+ROW = re.compile(r"^\| `(.+)` \| (\w+) \|$", re.MULTILINE)
 
 
 class Watch:
@@ -26,12 +29,13 @@ class Watch:
 def main(options: list[str]) -> int:
     """Run the proofs and write their page; return pytest's exit code."""
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
-    watch, begin = Watch(), time.perf_counter()
+    watch, page = Watch(), RESULTS / "proofs.md"
     together = ["-n", "auto", "--dist", "loadfile", "--no-loadscope-reorder"]
     code = int(pytest.main(["-m", "proof", *together, *options], plugins=[watch]))
-    rows = [[f"`{name}`", outcome] for name, outcome in sorted(watch.outcomes.items())]
-    took = f"{time.perf_counter() - begin:.0f} s on the clock"
-    head = f"Tests that CI leaves out because they take long: {len(rows)} in {took}. The code is that of commit {commit()}."
+    head = f"Tests that CI leaves out because they take long. The code is that of commit {commit()}."
+    text = page.read_text(encoding="utf-8") if page.exists() else ""
+    outcomes = dict(ROW.findall(text) if head in text else ()) | watch.outcomes
+    rows = [[f"`{name}`", outcome] for name, outcome in sorted(outcomes.items())]
     publish("proofs", "The longest tests", f"{head}\n\n{markdown(['test', 'outcome'], rows)}", "make proofs")
     return code
 

@@ -15,7 +15,7 @@ NUMBERS = ("0", "10", "23", "26", "28")
 def run(*arguments, **environment):
     call = [sys.executable, "benchmarks/blind", "--out", "-", "--jobs", "1", *map(str, arguments)]
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", **environment}
-    return subprocess.run(call, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=900, check=False)
+    return subprocess.run(call, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=3600, check=False)
 
 
 @pytest.mark.proof
