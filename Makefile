@@ -214,7 +214,7 @@ docs: $(VENV)/.docs-ready
 	$(VENV)/bin/mkdocs build --strict --site-dir $(BUILD)/docs
 	@echo 'Look at $(BUILD)/docs/index.html'
 
-$(VENV)/.docs-ready: $(VENV)/.installed
+$(VENV)/.docs-ready: $(VENV)/.ready
 	$(VENV)/bin/pip install --quiet --disable-pip-version-check --editable '.[docs]'
 	touch $@
 
