@@ -24,7 +24,7 @@ FAULT  := configs/effects/undeclared_leak.toml
 help:
 	@echo 'make run     the whole chain, ends with $(BUILD)/report.html and a result per cycle'
 	@echo 'make setup   a virtual environment in $(VENV) with all dependencies'
-	@echo 'make test    the tests that take a moment; eight minutes of processor'
+	@echo 'make test    the tests that take a moment; thirteen minutes of processor, compiling included'
 	@echo 'make test-slow them and the slow ones, which is what CI runs; tests/README.md says which and why'
 	@echo 'make proofs  what takes longer than CI has time for, and how each ended; half an hour of one processor'
 	@echo 'make lint    ruff and mypy'
