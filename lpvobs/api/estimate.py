@@ -24,6 +24,7 @@ from lpvobs.maps.metrics import Metrics, compare
 from lpvobs.observer import disagreement, rivals
 from lpvobs.observer.balance_agreement import BalanceAgreement, Watched, judged
 from lpvobs.observer.estimate import MapEstimate
+from lpvobs.observer.information import AlongFlow
 from lpvobs.observer.parts import StateGain
 from lpvobs.observer.settings import CONSTANTS
 from lpvobs.records import Log
@@ -60,6 +61,7 @@ class EstimateOutput(Output):
     agreement: Sequence[disagreement.Agreement]
     balance_agreement: BalanceAgreement
     engine: EngineUsed
+    along_flow: AlongFlow | None
     doubts: Annotated[Sequence[str], Meta(description="Warnings about logs or the engine, one line each.")]
 
 
@@ -145,7 +147,8 @@ def _write(
     provenance = Provenance({**inputs, **before.inputs}, config_text)
     found, doubts = done.estimate, done.doubts
     seen = found.theta, found.covariance, found.supported
-    says = spoken.headline(found.grid, before.air_path.axes, *seen, doubts.driven, doubts.agreement.ratio)
+    ratio = doubts.agreement.ratio
+    says = spoken.headline(found.grid, before.air_path.axes, *seen, doubts.driven, ratio, found.along_flow)
 
     def further(file: h5py.File) -> None:
         file.attrs["headline"] = says

@@ -14,10 +14,12 @@ from lpvobs.calibration.bench import Rows, Table, rows_of
 from lpvobs.engines.base import AirPath
 from lpvobs.engines.unknowns import LeftAtNodes, Unknowns
 from lpvobs.maps.grid import Grid
+from lpvobs.observer.equations import mean_flow
 from lpvobs.observer.estimate import PASSES, EngineFound, Point
-from lpvobs.observer.information import AMPLITUDE_SPREAD, AMPLITUDES, prior_of, solve, swept
+from lpvobs.observer.information import solve
 from lpvobs.observer.parts import StateGain, added_up, inform
-from lpvobs.observer.windows import Columns, Moments
+from lpvobs.observer.prior import AMPLITUDE_SPREAD, AMPLITUDES, prior_of, swept
+from lpvobs.observer.windows import Columns
 from lpvobs.records import Array, Recording
 
 Floats = Sequence[float]
@@ -157,7 +159,7 @@ def taught(
         total, _ = added_up(grid, layout, sorted(parts, key=lambda part: part.run.sha256))
         # No formula is better than the least share, even where a bench shows nothing left.
         away = max(left, LEFT[1]) * mean_flow(layout, total)
-        solution = solve(layout, total, prior_of(grid, away, unknowns))
+        solution = solve(layout, total, replace(prior_of(grid, away, unknowns), may_follow=False))
         own = layout.engine
         found = EngineFound(unknowns, point.deviation, solution.mean[own], solution.covariance[own, own])
         moved = point.moved(found)
@@ -166,7 +168,7 @@ def taught(
         point = moved
     # A later map has a wide prior at its nodes. So has this one: then both hold the same share of what a balance repeats.
     exactly = replace(unknowns, mean=found.mean, covariance=np.zeros_like(found.covariance), learned=True)
-    left_over = solve(layout, total, prior_of(grid, point.settings.prior_map, exactly))
+    left_over = solve(layout, total, replace(prior_of(grid, point.settings.prior_map, exactly), may_follow=False))
     # What the engine's formulas leave is the map at known unknowns, and how it goes with them.
     at_nodes = LeftAtNodes(grid.fuel, grid.speed, left_over.theta, -left_over.response, left_over.noise)
     mean = found.mean.copy()
@@ -174,14 +176,6 @@ def taught(
     before = start.unknowns
     return Taught(
         unknowns=replace(before, mean=mean, covariance=found.covariance, learned=True, at_nodes=at_nodes),
-        prior_error=np.sqrt(np.diag(before.scaled(solution.amplitudes))),
-        amplitudes=dict(zip(before.groups(), solution.amplitudes, strict=True)),
+        prior_error=np.sqrt(np.diag(before.scaled(solution.scales.amplitudes))),
+        amplitudes=dict(zip(before.groups(), solution.scales.amplitudes, strict=True)),
     )
-
-
-def mean_flow(layout: Columns, moments: Moments) -> float:
-    """Return the mean reading over the windows in which a balance speaks [kg/s]."""
-    levels = np.arange(layout.solved - layout.balances, layout.solved)
-    of = np.arange(layout.balances)
-    stay = moments.products[of, of, levels, levels]
-    return float(moments.products[of, of, levels, layout.terms.stop].sum() / stay.sum())

@@ -131,6 +131,7 @@ def estimate(
             agreement=done.agreement,
             balance_agreement=done.doubts.agreement,
             engine=EngineUsed(source=str(done.engine or "configuration"), calibrated=done.engine is not None),
+            along_flow=found.along_flow,
             doubts=done.doubts.says,
         )
         print_json("estimate", content)

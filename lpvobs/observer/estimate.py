@@ -21,9 +21,10 @@ from lpvobs.errors import DataError
 from lpvobs.maps.excitation import Excitation, of_cells
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.quadratic import BOTH, NODES, terms_at_nodes
-from lpvobs.observer.information import Solution, considered, prior_of, solve
+from lpvobs.observer.information import AlongFlow, Solution, considered, solve
 from lpvobs.observer.log_run import LogRun
 from lpvobs.observer.parts import LogInformation, StateGain, added_up, inform
+from lpvobs.observer.prior import prior_of
 from lpvobs.observer.settings import EstimateSettings
 from lpvobs.observer.smoothing import smooth
 from lpvobs.observer.windows import Columns, Moments
@@ -139,6 +140,7 @@ class MapEstimate(NodeMap):
 
     runs: tuple[LogRun, ...]
     engine: EngineFound | None = None  # what the logs say of the engine; None where the method does not tell
+    along_flow: AlongFlow | None = None  # of the sensor's error; None where the engine is not estimated
 
 
 def estimate_default(
@@ -192,9 +194,10 @@ def of_sums(grid: Grid, total: Moments, runs: Sequence[LogRun], point: Point) ->
             point.deviation,
             solution.mean[engine],
             of_engine,
-            solution.amplitudes,
+            solution.scales.amplitudes,
             step=solution.stiff[engine],
         ),
+        along_flow=solution.along_flow,
     )
     return estimate, solution
 

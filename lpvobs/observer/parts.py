@@ -27,6 +27,7 @@ from lpvobs.synthesis.region import Region
 SETTLED = 0.25  # of the constants' prior spread that is left where they have been found once
 ROUGH = 1.94
 """Second differences of white noise that say as much as one that is alone: one and twice the sum of 4/9 and 1/36."""
+NEAR = 9  # windows around each that tell of the sensor's noise there, for most sensors' grows with the flow
 SIGNS = reduce(np.kron, [np.array([[1.0, 1.0], [1.0, -1.0]])] * 4)
 """Of noise by window and source, a Hadamard matrix: over 16 windows each of 15 sources is free of all others."""
 
@@ -74,14 +75,14 @@ def slope_signals(
 ) -> Array:
     """Return what slopes are computed from as rows, shape (s, N): channels, rates, squares of what is rough in them, steps."""
     names, smoothed = (*air_path.channels, *air_path.followers), air_path.smoothed
-    squares = [rough[name] ** 2 for name in smoothed]
+    squares = [rough[name] ** 2 for name in (*smoothed, air_path.sensor)]
     return np.stack([*(channels[name] for name in names), *(rates[name] for name in smoothed), *squares, steps])
 
 
 def parted(air_path: AirPath, rows: Array) -> tuple[list[dict[str, Array]], Array]:
     """Return channels, rates and squares, and the steps, again from rows of shape (n, s)."""
     columns, smoothed = iter(np.ascontiguousarray(rows.T)), air_path.smoothed
-    sorts = ((*air_path.channels, *air_path.followers), smoothed, smoothed)
+    sorts = ((*air_path.channels, *air_path.followers), smoothed, (*smoothed, air_path.sensor))
     return [{name: next(columns) for name in names} for names in sorts], next(columns)
 
 
@@ -104,6 +105,10 @@ class Answers:
         # A window's mean of squares has about so many degrees of freedom; their median, which transients do not raise, lies lower.
         degrees = np.maximum(np.median(stay) / step / ROUGH, 1.0)
         noise = {k: np.sqrt(np.median(s)) / (1.0 - 2.0 / (9.0 * degrees)) ** 1.5 for k, s in squares.items()}
+        del noise[self.air_path.sensor]
+        near = np.pad(squares[self.air_path.sensor], NEAR // 2, mode="edge")
+        beside = np.median(np.lib.stride_tricks.sliding_window_view(near, NEAR), axis=1)
+        of_sensor = np.sqrt(beside * step / stay) / (1.0 - 2.0 / (9.0 * degrees)) ** 1.5
         calm = {name: np.full(n, noise[name] * np.linalg.norm(by_value)) for name in self.air_path.calmed}
         caution = self.air_path.caution(log_of(np.arange(float(n)), channels), calm, self.spread, self.unknowns.learned)
         box = np.full(max(round(LENGTH / step), 1), step / LENGTH)
@@ -117,7 +122,7 @@ class Answers:
         )
         by_noise = [np.where(np.isfinite(each), each, 0.0) for each in (J[n:] - J[:n], flow[:n] - flow[n:])]
         reading = channels[self.air_path.sensor]
-        return Slopes(touched, J[:n], reading, caution.trust.T, caution.bias.T, (by_noise[0], by_noise[1]))
+        return Slopes(touched, J[:n], reading, of_sensor, caution.trust.T, caution.bias.T, (by_noise[0], by_noise[1]))
 
     def _at(self, channels: Mapping[str, Array], rates: Mapping[str, Array]) -> tuple[NDArray[np.int64], Array, Array]:
         """Return which k unknowns a flow answers to, J (n, B, k) and the flows (n, B) [kg/s]."""
@@ -191,7 +196,7 @@ def observed_along(
     """Yield what the observer makes of a recording, stretch by stretch, and what the sensor read [kg/s]."""
     x, no_map = np.empty(0), np.zeros(grid.size)
     pieces = followed(air_path.followers, recording.pieces())
-    for stretch in stretches(pieces, air_path.smoothed, settings.smoothing, air_path.calmed):
+    for stretch in stretches(pieces, air_path.smoothed, settings.smoothing, air_path.calmed, (air_path.sensor,)):
         log = calm_log(stretch)
         trajectory, point = air_path.trajectory(log, gain.outputs), operating_point(air_path, log)
         first = air_path.states(log)[0] if stretch.before is None else x

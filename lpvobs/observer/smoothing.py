@@ -61,7 +61,11 @@ class SmoothStretch:
 
 
 def stretches(
-    pieces: Iterable[Piece], names: Sequence[str], half_width: float, calm: Sequence[str] = ()
+    pieces: Iterable[Piece],
+    names: Sequence[str],
+    half_width: float,
+    calm: Sequence[str] = (),
+    noisy: Sequence[str] = (),
 ) -> Iterator[SmoothStretch]:
     """Yield a recording in stretches with the named channels smoothed: what `smooth` makes of the whole, to the bit."""
     # Those in `calm` go through the wider window as well. Only samples whose windows have not been read to their end wait
@@ -79,7 +83,7 @@ def stretches(
                 values=dict(zip(names, values, strict=True)),
                 rates=dict(zip(names, rates, strict=True)),
                 calm=dict(zip(calm, calmer, strict=True)),
-                rough={name: _rough(held.channels[name], start, stop) for name in names},
+                rough={name: _rough(held.channels[name], start, stop) for name in (*names, *noisy)},
             )
 
 

@@ -8,8 +8,9 @@ Psi being the mean regressor of the map (Eq. 23), beta the engine's unknowns, an
 at the mean signals of the window. The sums of products of these rows are all that a log leaves behind: they hold no weights and no
 amplitudes, so both can change without the log.
 
-Signals are noisy, and J and z are made of the same signals and their rates, so their products hold a part that is noise alone. It
-is computed from how rough the signals are from sample to sample, and subtracted.
+beside what the sensor's error has in common with its reading at one operating point, for which the powers of the reading are
+columns. Signals are noisy, and columns and z are made of the same signals and their rates, so their products hold a part that is
+noise alone. It is computed from how rough the signals are from sample to sample, and subtracted.
 """
 
 from collections.abc import Callable
@@ -28,11 +29,12 @@ ROWS = 480  # windows that are worked on together, two minutes: with fewer, the 
 GROUP = 12
 """Windows, 3 s, over which rows are summed up to see how slow errors are: those of a model last, noise does not."""
 LEAST_STAY = 0.02  # [s] A window that holds less of the drive says nothing
+SENSOR = 2  # powers of the reading that the sensor's error may follow
 
 
 @dataclass(frozen=True)
 class Columns:
-    """Which column is what: the map, the engine's unknowns, levels of the day, z, the terms of Eq. (37), the flow."""
+    """Which column is what: the map, the engine's unknowns, powers of the reading, z, the terms of Eq. (37), the flow."""
 
     nodes: int
     unknowns: int
@@ -41,7 +43,12 @@ class Columns:
     @property
     def solved(self) -> int:
         """Number of columns that are solved for."""
-        return self.nodes + self.unknowns + self.balances
+        return self.nodes + self.unknowns + SENSOR
+
+    @property
+    def sensor(self) -> slice:
+        """The columns of the powers of the reading."""
+        return slice(self.solved - SENSOR, self.solved)
 
     @property
     def engine(self) -> slice:
@@ -88,6 +95,7 @@ class Slopes:
     touched: NDArray[np.int64]  # (k,) which of the unknowns any of the windows answers to
     J: Array  # (n, B, k) [kg/s]
     reading: Array  # (n,) [kg/s], of the sensor
+    noise: Array  # (n,) [kg/s], standard deviation of its noise in the mean
     weight: Array  # (n, B)
     correction: Array  # (n, B) [kg/s], to be added to z
     # what noise adds to J and z where each of its sources is as large as its standard deviation, with signs that are
@@ -146,18 +154,22 @@ class Windows:
         total.windows[:] += says.sum(axis=0)
         weight = np.sqrt(stay[:, None] * found.weight) * says
         nodes, own = np.flatnonzero(Psi.any(axis=0)), layout.nodes + found.touched
-        columns = np.concatenate((nodes, own, np.arange(layout.nodes + layout.unknowns, layout.size)))
-        Psi = np.ascontiguousarray(Psi[:, nodes])
-        _add_rows(total.products, total.slow, columns, group, weight, Psi, found.J, z, terms, found.reading)
+        columns = np.concatenate((nodes, own, np.arange(layout.engine.stop, layout.size)))
+        Psi, powers = np.ascontiguousarray(Psi[:, nodes]), found.reading[:, None] ** np.arange(1, SENSOR + 1)
+        _add_rows(total.products, total.slow, columns, group, weight, Psi, found.J, powers, z, terms, found.reading)
         # a slope counts once more as far as it is trusted
         self._subtract(own, *found.shaken, np.sqrt(stay[:, None]) * found.weight * says)
+        noise = np.nan_to_num(found.noise)[:, None]
+        of_powers = np.arange(1, SENSOR + 1) * np.nan_to_num(found.reading)[:, None] ** np.arange(SENSOR) * noise
+        in_all = np.repeat(of_powers[:, None], z.shape[1], axis=1)
+        self._subtract(np.arange(layout.engine.stop, layout.solved), in_all, np.broadcast_to(noise, z.shape), weight)
 
-    def _subtract(self, own: NDArray[np.int64], J: Array, z: Array, counted: Array) -> None:
-        """Take what noise makes of the products of J and z out of all sums; it is independent from window to window."""
+    def _subtract(self, own: NDArray[np.int64], columns: Array, z: Array, counted: Array) -> None:
+        """Take what noise makes of the products of columns and z out of all sums; it is independent from window to window."""
         for a in range(self.layout.balances):
             for b in range(a, self.layout.balances):
                 both = counted[:, a] * counted[:, b]
-                left, right = J[:, a].T @ (both * z[:, b]), (both * z[:, a]) @ J[:, b]
+                left, right = columns[:, a].T @ (both * z[:, b]), (both * z[:, a]) @ columns[:, b]
                 for sums, count in ((self.total.products, 1), (self.total.slow, GROUP)):
                     sums[a, b, own, self.layout.z] -= left / count
                     sums[a, b, self.layout.z, own] -= right / count
@@ -172,19 +184,17 @@ def _mirror(products: Array) -> None:
 
 
 @njit(cache=True)
-def _add_rows(products, slow, columns, group, weight, Psi, J, z, terms, reading):  # type: ignore[no-untyped-def]
+def _add_rows(products, slow, columns, group, weight, Psi, J, powers, z, terms, reading):  # type: ignore[no-untyped-def]
     """Add the products of the rows of n windows in some columns, and those of sums of rows over a group."""
     n, B = z.shape
-    p, q = Psi.shape[1], J.shape[2]
+    p, q, k = Psi.shape[1], J.shape[2], powers.shape[1]
     columns = columns.astype(np.uintp)  # no negative ones, for which each access would look
     at, value = np.empty((B, columns.size), dtype=np.uintp), np.empty((B, columns.size))
     count = np.zeros(B, dtype=np.int64)
     rest, summed = np.zeros(columns.size - p - q), np.zeros((B, columns.size))
     for r in range(n):
         for b in range(B):
-            rest[:B] = 0.0
-            rest[b], rest[B], rest[-1] = 1.0, z[r, b], reading[r] - z[r, b]
-            rest[B + 1 : -1] = terms[r]
+            rest[:k], rest[k], rest[k + 1 : -1], rest[-1] = powers[r], z[r, b], terms[r], reading[r] - z[r, b]
             count[b], w, first = 0, weight[r, b], 0
             for part in (Psi[r], J[r, b], rest):
                 if w != 0.0:

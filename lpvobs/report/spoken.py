@@ -20,6 +20,7 @@ from lpvobs.engines.registry import ENGINES
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.joint import NORMAL_90, combined
 from lpvobs.observer.balance_agreement import DISAGREE
+from lpvobs.observer.information import AlongFlow
 from lpvobs.records import Array
 
 LEAST_CHANCE = 1e-16
@@ -92,11 +93,12 @@ def headline(
     supported: NDArray[np.bool_],
     driven: tuple[Array, float] | None = None,
     disagreement: float = math.nan,
+    along: AlongFlow | None = None,
 ) -> str:
     """Return what a map [kg/s] over (p_2, p_1) nodes says in one sentence; its covariance is that of all nodes, row by row.
 
     `driven` is the share of the time that each node stands for, shape (p,), and the mean air flow [kg/s]; without it all nodes
-    count alike. `disagreement` is the ratio of the balances over all logs.
+    count alike. `disagreement` is the ratio of the balances over all logs, `along` how the sensor's error goes with the flow.
     """
     on = np.flatnonzero(supported)
     if not on.size:
@@ -126,6 +128,10 @@ def headline(
         agree = disagreement <= DISAGREE
         differ = f"the air flow balances differ by {disagreement:.1f} times the allowed difference"
         said.append("the air flow balances agree" if agree else differ)
+    if along is not None:
+        slope = f"at one operating point the error changes by {100 * along.slope:+.2g} % of a change of the air flow"
+        hidden = f"a gain error of less than {100 * along.least:.2g} % cannot be told from the engine's constants"
+        said.append(f"{slope} (90 %: +-{100 * NORMAL_90 * along.standard_error:.2g} %)" if along.slope else hidden)
     return "; ".join(said)
 
 

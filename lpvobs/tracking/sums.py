@@ -161,7 +161,7 @@ def basis_of(grid: Grid, solutions: Sequence[Solution], totals: Sequence[Moments
     fast = np.mean([each.fast for each in solutions], axis=0)
     weights, own = np.linalg.inv(fast), solutions[0].layout.engine
     seen = sum(np.einsum("ab,abij->ij", weights, total.products[:, :, own, own]) for total in totals)
-    amplitudes = np.exp(np.mean(np.log([each.amplitudes for each in solutions]), axis=0))
+    amplitudes = np.exp(np.mean(np.log([each.scales.amplitudes for each in solutions]), axis=0))
     covariance = unknowns.scaled(amplitudes.tolist())
     root = np.linalg.cholesky(covariance + np.diag(1e-9 * np.diag(covariance) + 1e-18))
     told, axes = np.linalg.eigh(root.T @ seen @ root)

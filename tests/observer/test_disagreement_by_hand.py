@@ -5,11 +5,13 @@ import pytest
 
 from lpvobs.engines.unknowns import unknowns_of
 from lpvobs.maps.grid import Grid
-from lpvobs.observer import disagreement, information
+from lpvobs.observer import disagreement
 from lpvobs.observer.disagreement import agreements, difference
-from lpvobs.observer.information import Errors, Prior, Solution
+from lpvobs.observer.equations import Equations, Errors
+from lpvobs.observer.information import Solution
 from lpvobs.observer.log_run import LogRun
 from lpvobs.observer.parts import LogInformation, added_up
+from lpvobs.observer.prior import Prior, Scales
 from lpvobs.observer.windows import Columns
 from lpvobs.records import Defects
 
@@ -51,7 +53,7 @@ def part(name, seed, moved=0.0, scatter=0.0, cells=(0, 1, 2, 3), hardly=()):
 def found(parts):
     """Return the common map at errors that are known, the engine as configured, and every log's agreement with it."""
     total, _ = added_up(GRID, LAYOUT, parts)
-    state = information._Solved(LAYOUT, total, Prior(PRIOR, UNKNOWNS, np.eye(9)))
+    state = Equations(LAYOUT, total, Prior(PRIOR, UNKNOWNS, np.eye(9)))
     S = np.array([[ERROR**2]])
     errors = Errors(S, np.zeros(1))
     mean, covariance = np.zeros(LAYOUT.solved), np.diag([0.0] * 9 + [0.01**2 / 3, 0.0])
@@ -59,7 +61,7 @@ def found(parts):
     noise, design = free.N, free.N @ free.A[:9, LAYOUT.terms]
     mean[:9] = noise @ free.A[:9, LAYOUT.z]
     common = Solution(
-        LAYOUT, mean, covariance, noise, free.answers[:, :1], design, errors, S, noise, amplitudes=(), stiff=mean
+        LAYOUT, mean, covariance, noise, free.answers[:, :1], design, errors, S, noise, Scales(()), stiff=mean
     )
     scatter, verdicts = agreements([difference(common, part, PRIOR) for part in parts])
     return common, scatter, verdicts

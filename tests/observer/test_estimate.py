@@ -54,18 +54,13 @@ def test_an_exact_model_without_noise_gives_the_map(exact, drive, target):
     assert np.sqrt(np.mean(missed**2)) < 0.025 * GRAM
 
 
-KNOWN_LIMIT = pytest.mark.xfail(
-    strict=True, reason="what follows the flow at one operating point is taken for wrong constants"
-)
-
-
-@pytest.mark.parametrize("constants", ["consider", pytest.param("joint", marks=KNOWN_LIMIT)])
+@pytest.mark.parametrize("constants", ["consider", "joint"])
 def test_a_wrong_gain_of_the_sensor_is_in_the_map(air_path, grid, gain, drive, settings, constants):
     log, W_c = drive
     wrong = with_sensor(log, 0.95 * W_c)
     found = estimate_default(air_path, grid, gain, [wrong], replace(settings, constants=constants))
     metrics = compare(grid, found.theta, log["u_delta"], log["n_e"], -0.05 * W_c)
-    # No map over fuel and speed does better than 0.25 here. Measured 0.32; a map of zero has 1.
+    # No map over fuel and speed does better than 0.25 here. Measured 0.32 and 0.26; a map of zero has 1.
     assert metrics.rms_ratio < 0.5
 
 

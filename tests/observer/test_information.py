@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from lpvobs.engines.unknowns import unknowns_of
-from lpvobs.observer.information import Prior, _without_brief, solve
+from lpvobs.observer.information import _without_brief, solve
+from lpvobs.observer.prior import Prior
 from lpvobs.observer.windows import GROUP, Columns, Moments
 
 LAYOUT = Columns(nodes=3, unknowns=0, balances=2)

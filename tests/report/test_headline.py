@@ -4,6 +4,7 @@ import numpy as np
 
 from lpvobs.engines.base import MapAxis
 from lpvobs.maps.grid import Grid
+from lpvobs.observer.information import AlongFlow
 from lpvobs.report.content import doubtful_nodes
 from lpvobs.report.spoken import headline
 
@@ -52,3 +53,10 @@ def test_a_node_alone_and_poorly_known_is_doubtful():
     found = doubtful_nodes(supported, error)
     assert np.argwhere(found).tolist() == [[0, 3]]  # the other lone node is known as well as the rest
     assert not doubtful_nodes(np.zeros((3, 3), dtype=bool), np.ones((3, 3))).any()
+
+
+def test_an_error_that_follows_the_flow_is_said_and_so_is_one_that_would_be_hidden():
+    alone = headline(GRID, AXES, THETA, 1e-8 * np.eye(6), DRIVEN, along=AlongFlow(0.0, 0.0, 0.0191))
+    assert alone.endswith("a gain error of less than 1.9 % cannot be told from the engine's constants")
+    seen = headline(GRID, AXES, THETA, 1e-8 * np.eye(6), DRIVEN, along=AlongFlow(-0.05, 0.01, 0.02))
+    assert seen.endswith("at one operating point the error changes by -5 % of a change of the air flow (90 %: +-1.6 %)")

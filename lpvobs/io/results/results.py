@@ -97,6 +97,8 @@ def write_result(
                 write(of_metrics, log.name, log.metrics)
         if estimate.engine is not None:
             engines.write_engine_found(file, estimate.engine)
+        if estimate.along_flow is not None:
+            write(file, "along_flow", estimate.along_flow)
         write(file, "provenance", provenance)
         if further is not None:
             further(file)
