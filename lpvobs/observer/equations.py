@@ -211,4 +211,4 @@ def mean_flow(layout: Columns, moments: Moments) -> float:
     """Return the mean flow over the windows in which a balance speaks [kg/s]; one where none does."""
     constant = layout.terms.stop - 1
     stay, flow = np.einsum("aai->i", moments.products[:, :, constant])[[constant, layout.terms.stop]]
-    return float(flow / stay) if stay > 0.0 else 1.0
+    return float(flow / stay) if stay > 0.0 and flow > 0.0 else 1.0

@@ -36,9 +36,8 @@ GIVEN = {"drive.mf4": recording, "logs/ more/": fleet}
 """What a page takes as there, and who puts it there before the first block that names it."""
 
 
-@pytest.mark.parametrize(
-    "page", [pytest.param(page, marks=pytest.mark.slow if page == "README.md" else pytest.mark.proof) for page in PAGES]
-)
+@pytest.mark.proof
+@pytest.mark.parametrize("page", PAGES)
 def test_the_commands_of_a_page_print_what_it_shows(page, tmp_path):
     environment = prepare(tmp_path)
     ready = set()

@@ -68,7 +68,7 @@ def run(*arguments, before=""):
     return subprocess.run(call, capture_output=True, text=True, check=False, timeout=600)
 
 
-@pytest.mark.slow
+@pytest.mark.proof  # `make setup` ends with it
 def test_the_verb_prints_a_table_and_versions():
     done = run()
     assert done.returncode == 0, done.stderr
