@@ -96,10 +96,7 @@ def solve(layout: Columns, moments: Moments, prior: Prior) -> Solution:
     errors = Errors(FIRST_ERROR**2 * np.eye(layout.balances), np.zeros(layout.balances))
     errors, fast = state.settled(errors, stiff, ROUNDS)
     scales = Scales(prior.amplitudes or state.likeliest(errors)) if groups else stiff
-    if (
-        prior.may_follow
-        and state.cost(errors, scales) - state.cost(errors, replace(scales, follows=True)) > LEAST_SPARED
-    ):
+    if _follows(state, errors, scales):
         stiff, scales = (replace(each, follows=True) for each in (stiff, scales))
     at_stiff = state.mean(*state.solved(state.settled(errors, stiff, 1)[0], stiff)[:2])
     if groups or scales.follows:
@@ -114,6 +111,12 @@ def solve(layout: Columns, moments: Moments, prior: Prior) -> Solution:
     response, design = free.answers[:, :q], free.N @ free.A[:p, layout.terms]
     quick = state.without_map(Errors(fast, np.zeros(layout.balances))).N
     return Solution(layout, mean, covariance, free.N, response, design, errors, fast, quick, scales, at_stiff, along)
+
+
+def _follows(state: Equations, errors: Errors, scales: Scales) -> bool:
+    """Return whether the unknowns of the engine move much less where the sensor's error may follow the flow."""
+    spared = state.cost(errors, scales) - state.cost(errors, replace(scales, follows=True))
+    return state.prior.may_follow and spared > LEAST_SPARED
 
 
 def _along_flow(state: Equations, errors: Errors, scales: Scales, powers: Array, covariance: Array) -> AlongFlow:
