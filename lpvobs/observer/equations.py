@@ -30,7 +30,7 @@ class Errors:
 
 @dataclass(frozen=True)
 class Free:
-    """Normal equations, and what they leave of the engine's unknowns and levels with the map eliminated."""
+    """Normal equations, and what they leave of all other unknowns with the map eliminated."""
 
     A: Array  # (C, C), weighted products of all columns
     N: Array  # (p, p), covariance of the map where all else is known
@@ -94,7 +94,7 @@ class Equations:
         return errors, fast
 
     def solved(self, errors: Errors, scales: Scales) -> tuple[Free, Array, float]:
-        """Return the equations, the covariance of the engine's unknowns and levels, and how many unknowns the data determine."""
+        """Return the equations, the covariance of the other unknowns, and how many unknowns the data determine."""
         p, free = self.layout.nodes, self.without_map(errors)
         root = self.root(scales)
         told, axes = np.linalg.eigh(root.T @ free.told @ root)
