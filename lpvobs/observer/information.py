@@ -5,8 +5,9 @@ With the rows of `windows`, in which z_b is what the sensor reads beyond the flo
     z_b = Psi theta + J_b beta + kappa_1 r + kappa_2 r^2 + Psi d_b + e_b,
 
 theta being the map, beta the engine's unknowns (constants within their tolerance, corrections of its components), kappa what of the
-sensor's error follows its reading r at one operating point, d_b what balance b has wrong at the nodes at every visit. The covariance S of the e_b, the size of the d_b and the amplitudes
-of the corrections are found from the rows (restricted likelihood). Several logs add up.
+sensor's error follows its reading r at one operating point, d_b what balance b has wrong at the nodes at every visit. The
+covariance S of the e_b, the size of the d_b and the amplitudes of the corrections are found from the rows (restricted likelihood).
+Several logs add up.
 
 How this departs from Eq. (26) and (36), whose map equation is dtheta/dt = Gamma Psi^T (y_m2 - C_2 x - Psi theta):
 

@@ -5,8 +5,8 @@ Over a window of `LENGTH`, with z_b the mean of the sensor's reading less the fl
     z_b = Psi theta + J_b beta + kappa_1 r + kappa_2 r^2 + e_b,
 
 Psi being the mean regressor of the map (Eq. 23), beta the engine's unknowns, J_b how the balance's flow answers to each, taken at
-the mean signals of the window, and r the sensor's reading. The sums of products of these rows are all that a log leaves behind: they
-hold no weights and no amplitudes, so both can change without the log.
+the mean signals of the window, and r the sensor's reading. The sums of products of these rows are all that a log leaves behind:
+they hold no weights and no amplitudes, so both can change without the log.
 
 Signals are noisy, and columns and z are made of the same signals and their rates, so their products hold a part that is
 noise alone. It is computed from how rough the signals are from sample to sample, and subtracted.
