@@ -65,6 +65,11 @@ class Equations:
         """The mean flow [kg/s]."""
         return mean_flow(self.layout, self.moments)
 
+    @cached_property
+    def reading(self) -> float:
+        """The mean reading of the sensor [kg/s]."""
+        return _mean(self.layout, self.moments, (self.layout.terms.stop, self.layout.z))
+
     def root(self, scales: Scales) -> Array:
         """Return a square root of the covariance of all but the map, lower triangular."""
         return self.prior.root(self.layout, scales, self.flow)[self.layout.nodes :, self.layout.nodes :]
@@ -209,6 +214,12 @@ def _positive(S: Array, instead: Array) -> Array:
 
 def mean_flow(layout: Columns, moments: Moments) -> float:
     """Return the mean flow over the windows in which a balance speaks [kg/s]; one where none does."""
+    return _mean(layout, moments, (layout.terms.stop,))
+
+
+def _mean(layout: Columns, moments: Moments, columns: tuple[int, ...]) -> float:
+    """Return the mean of the sum of some columns; one where no balance speaks, or it is not positive."""
     constant = layout.terms.stop - 1
-    stay, flow = np.einsum("aai->i", moments.products[:, :, constant])[[constant, layout.terms.stop]]
-    return float(flow / stay) if stay > 0.0 and flow > 0.0 else 1.0
+    of_rows = np.einsum("aai->i", moments.products[:, :, constant])
+    stay, total = of_rows[constant], of_rows[list(columns)].sum()
+    return float(total / stay) if stay > 0.0 and total > 0.0 else 1.0

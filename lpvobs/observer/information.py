@@ -55,7 +55,7 @@ class AlongFlow:
     ]
     standard_error: Annotated[float, Item("1", "standard error of the slope")]
     least: Annotated[
-        float, Item("1", "slope that would be seen; a smaller one is taken for wrong constants of the engine")
+        float, Item("1", "slope from about which on one is seen; a smaller one is taken for wrong constants")
     ]
 
 
@@ -128,9 +128,9 @@ def _follows(state: Equations, errors: Errors, scales: Scales) -> bool:
 
 
 def _along_flow(state: Equations, errors: Errors, scales: Scales, powers: Array, covariance: Array) -> AlongFlow:
-    """Return the slope of the sensor's error at the mean flow, from the weights of the powers of the reading."""
+    """Return the slope of the sensor's error over the flow at the mean reading, from the weights of the powers of the reading."""
     order = np.arange(1, powers.size + 1)
-    at_mean = order * state.flow ** (order - 1.0)
+    at_mean = order * state.reading ** (order - 1.0)
     # What a slope of one makes the unknowns of the engine move where the sensor's error is not allowed to follow the flow.
     kept = replace(scales, follows=False)
     free, engine, _ = state.solved(errors, kept)
@@ -138,7 +138,9 @@ def _along_flow(state: Equations, errors: Errors, scales: Scales, powers: Array,
     least = np.sqrt(LEAST_SPARED / max(float(as_if @ as_if), LEAST_SPARED))
     if not scales.follows:
         return AlongFlow(0.0, 0.0, float(least))
-    return AlongFlow(float(at_mean @ powers), float(np.sqrt(at_mean @ covariance @ at_mean)), float(least))
+    # An error of which each kg/s of reading holds the share k is k/(1 - k) of the flow, which is less than the reading by itself.
+    share, error = float(at_mean @ powers), float(np.sqrt(at_mean @ covariance @ at_mean))
+    return AlongFlow(share / (1.0 - share), error / (1.0 - share) ** 2, float(least))
 
 
 def considered(solution: Solution, moments: Moments, prior: Prior) -> Solution:

@@ -62,6 +62,10 @@ def test_a_wrong_gain_of_the_sensor_is_in_the_map(air_path, grid, gain, drive, s
     metrics = compare(grid, found.theta, log["u_delta"], log["n_e"], -0.05 * W_c)
     # No map over fuel and speed does better than 0.25 here. Measured 0.32 and 0.26; a map of zero has 1.
     assert metrics.rms_ratio < 0.5
+    if constants == "joint":
+        assert found.along_flow.slope == pytest.approx(-0.05, abs=1.645 * found.along_flow.standard_error)
+    else:
+        assert found.along_flow is None
 
 
 def test_a_truth_that_is_bilinear_comes_back_node_by_node(air_path, grid, gain, drive, settings):
