@@ -19,6 +19,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from common import CYCLES, Drive, configuration, drive, markdown, publish, state_gain
 from scipy.interpolate import RBFInterpolator
+from surfaces import SURFACES
 
 from lpvobs.calibration.bench import bench_table
 from lpvobs.calibration.fit import calibrated, taught
@@ -132,8 +133,10 @@ def _constants(setting: Setting, seeds: range, every: int = 1) -> str:
 ALONG_FLOW = {
     "reads 5 % too low": ErrorSurface("king", slope=0.95**0.5),
     "reads 2 % too high": ErrorSurface("king", slope=1.02**0.5),
-    "King's law, -5 % nearly everywhere": ErrorSurface("king", offset=0.001, slope=0.97),
-    "King's law, +15 % at idle, -10 % at high flow": ErrorSurface("king", offset=0.012, slope=0.92),
+    **{
+        name: SURFACES[name]
+        for name in ("King's law, -5 % nearly everywhere", "King's law, +15 % at idle, -10 % at high flow")
+    },
 }
 
 

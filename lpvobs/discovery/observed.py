@@ -79,7 +79,7 @@ def observed(refined: Refined, log: Log) -> Observed:
         calmer = dict(zip(air_path.calmed, calm_values, strict=True))
     _, further = added(refined, seen, rates)
     z = right[air_path.sensor] - (air_path.balances(seen, rates, (), calmer).flow + further)
-    rough = {name: roughness(right[name], log.segments) for name in (*air_path.smoothed, air_path.sensor)}
+    rough = {name: roughness(right[name], log.segments) for name in air_path.noisy}
     steps = steps_of(log.time, log.segments)
     signals = slope_signals(air_path, seen.channels, rates, rough, steps)
     found = Observed(log.time, steps, trajectory.parameters, point, z, signals)

@@ -96,6 +96,11 @@ class AirPath(Protocol):
         """Take the configuration's `[engine]`."""
 
     @property
+    def noisy(self) -> tuple[str, ...]:
+        """The channels whose noise stands on both sides of the rows of a map."""
+        return (*self.smoothed, self.sensor)
+
+    @property
     def cylinders(self) -> float:
         """Number of cylinders, each of which fills once in two revolutions; 0 for an engine without."""
         return 0.0

@@ -196,11 +196,14 @@ class Equations:
         groups = len(self.prior.unknowns.groups())
         return swept((AMPLITUDES[0],) * groups, (AMPLITUDES,) * groups, cost)
 
-    def cost(self, errors: Errors, scales: Scales) -> float:
-        """Return how far the unknowns move: the sum of squares over their standard deviations."""
+    def moved(self, errors: Errors, scales: Scales, by: int | None = None) -> float:
+        """Return how far the other unknowns move, as the sum of squares over their standard deviations.
+
+        They are moved by the rows as they are, or by rows that hold one unit of the unknown `by` and nothing else.
+        """
         free, engine, _ = self.solved(errors, scales)
-        root = self.root(scales)
-        moved = scipy.linalg.solve_triangular(root, engine @ free.right, lower=True, check_finite=False)
+        right = free.right if by is None else free.told[:, by]
+        moved = scipy.linalg.solve_triangular(self.root(scales), engine @ right, lower=True, check_finite=False)
         return float(moved @ moved)
 
 

@@ -25,7 +25,6 @@ from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
-import scipy
 
 from lpvobs.observer.equations import Equations, Errors
 from lpvobs.observer.prior import AMPLITUDES, Prior, Scales
@@ -100,7 +99,7 @@ def solve(layout: Columns, moments: Moments, prior: Prior) -> Solution:
     state = Equations(layout, _without_brief(moments), prior)
     errors = Errors(FIRST_ERROR**2 * np.eye(layout.balances), np.zeros(layout.balances))
     errors, fast = state.settled(errors, stiff, ROUNDS)
-    scales = Scales(prior.amplitudes or state.likeliest(errors)) if groups else stiff
+    scales = Scales(state.likeliest(errors)) if groups else stiff
     if _follows(state, errors, scales):
         stiff, scales = (replace(each, follows=True) for each in (stiff, scales))
     at_stiff = state.mean(*state.solved(state.settled(errors, stiff, 1)[0], stiff)[:2])
@@ -123,7 +122,7 @@ def solve(layout: Columns, moments: Moments, prior: Prior) -> Solution:
 
 def _follows(state: Equations, errors: Errors, scales: Scales) -> bool:
     """Return whether the unknowns of the engine move much less where the sensor's error may follow the flow."""
-    spared = state.cost(errors, scales) - state.cost(errors, replace(scales, follows=True))
+    spared = state.moved(errors, scales) - state.moved(errors, replace(scales, follows=True))
     return state.prior.may_follow and spared > LEAST_SPARED
 
 
@@ -132,15 +131,13 @@ def _along_flow(state: Equations, errors: Errors, scales: Scales, powers: Array,
     order = np.arange(1, powers.size + 1)
     at_mean = order * state.reading ** (order - 1.0)
     # What a slope of one makes the unknowns of the engine move where the sensor's error is not allowed to follow the flow.
-    kept = replace(scales, follows=False)
-    free, engine, _ = state.solved(errors, kept)
-    as_if = scipy.linalg.solve_triangular(state.root(kept), engine @ free.told[:, state.layout.unknowns], lower=True)
-    least = np.sqrt(LEAST_SPARED / max(float(as_if @ as_if), LEAST_SPARED))
+    as_if = state.moved(errors, replace(scales, follows=False), by=state.layout.unknowns)
+    least = float(np.sqrt(LEAST_SPARED / max(as_if, LEAST_SPARED)))
     if not scales.follows:
-        return AlongFlow(0.0, 0.0, float(least))
+        return AlongFlow(0.0, 0.0, least)
     # An error of which each kg/s of reading holds the share k is k/(1 - k) of the flow, which is less than the reading by itself.
     share, error = float(at_mean @ powers), float(np.sqrt(at_mean @ covariance @ at_mean))
-    return AlongFlow(share / (1.0 - share), error / (1.0 - share) ** 2, float(least))
+    return AlongFlow(share / (1.0 - share), error / (1.0 - share) ** 2, least)
 
 
 def considered(solution: Solution, moments: Moments, prior: Prior) -> Solution:

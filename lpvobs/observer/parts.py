@@ -75,14 +75,14 @@ def slope_signals(
 ) -> Array:
     """Return what slopes are computed from as rows, shape (s, N): channels, rates, squares of what is rough in them, steps."""
     names, smoothed = (*air_path.channels, *air_path.followers), air_path.smoothed
-    squares = [rough[name] ** 2 for name in (*smoothed, air_path.sensor)]
+    squares = [rough[name] ** 2 for name in air_path.noisy]
     return np.stack([*(channels[name] for name in names), *(rates[name] for name in smoothed), *squares, steps])
 
 
 def parted(air_path: AirPath, rows: Array) -> tuple[list[dict[str, Array]], Array]:
     """Return channels, rates and squares, and the steps, again from rows of shape (n, s)."""
     columns, smoothed = iter(np.ascontiguousarray(rows.T)), air_path.smoothed
-    sorts = ((*air_path.channels, *air_path.followers), smoothed, (*smoothed, air_path.sensor))
+    sorts = ((*air_path.channels, *air_path.followers), smoothed, air_path.noisy)
     return [{name: next(columns) for name in names} for names in sorts], next(columns)
 
 
@@ -196,7 +196,7 @@ def observed_along(
     """Yield what the observer makes of a recording, stretch by stretch, and what the sensor read [kg/s]."""
     x, no_map = np.empty(0), np.zeros(grid.size)
     pieces = followed(air_path.followers, recording.pieces())
-    for stretch in stretches(pieces, air_path.smoothed, settings.smoothing, air_path.calmed, (air_path.sensor,)):
+    for stretch in stretches(pieces, air_path.smoothed, settings.smoothing, air_path.calmed, air_path.noisy):
         log = calm_log(stretch)
         trajectory, point = air_path.trajectory(log, gain.outputs), operating_point(air_path, log)
         first = air_path.states(log)[0] if stretch.before is None else x

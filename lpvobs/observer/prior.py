@@ -42,7 +42,6 @@ class Prior:
     unknowns: Unknowns
     alike: Array  # (p, p) correlation of the errors of a balance that repeat at the nodes
     may_follow: bool = True  # whether the sensor's error may follow the flow
-    amplitudes: tuple[float, ...] = ()  # of the groups of corrections; none where they are found from the data
 
     def mean(self, layout: Columns) -> Array:
         """Return the mean of all columns that are solved for."""

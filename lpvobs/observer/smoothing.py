@@ -68,8 +68,8 @@ def stretches(
     noisy: Sequence[str] = (),
 ) -> Iterator[SmoothStretch]:
     """Yield a recording in stretches with the named channels smoothed: what `smooth` makes of the whole, to the bit."""
-    # Those in `calm` go through the wider window as well. Only samples whose windows have not been read to their end wait
-    # for the next piece.
+    # Those in `calm` go through the wider window as well, and how rough those in `noisy` are is told. Only samples whose windows
+    # have not been read to their end wait for the next piece.
     widest = CALM * half_width if calm else half_width
     for held, ready in held_back(pieces, widest):
         for start in range(held.done, ready, BLOCK):
@@ -83,7 +83,7 @@ def stretches(
                 values=dict(zip(names, values, strict=True)),
                 rates=dict(zip(names, rates, strict=True)),
                 calm=dict(zip(calm, calmer, strict=True)),
-                rough={name: _rough(held.channels[name], start, stop) for name in (*names, *noisy)},
+                rough={name: _rough(held.channels[name], start, stop) for name in noisy},
             )
 
 

@@ -158,10 +158,10 @@ class Windows:
         _add_rows(total.products, total.slow, columns, group, weight, Psi, found.J, powers, z, terms, found.reading)
         # a slope counts once more as far as it is trusted
         self._subtract(own, *found.shaken, np.sqrt(stay[:, None]) * found.weight * says)
-        noise = np.nan_to_num(found.noise)[:, None]
-        of_powers = np.arange(1, SENSOR + 1) * np.nan_to_num(found.reading)[:, None] ** np.arange(SENSOR) * noise
-        in_all = np.repeat(of_powers[:, None], z.shape[1], axis=1)
-        self._subtract(np.arange(layout.engine.stop, layout.solved), in_all, np.broadcast_to(noise, z.shape), weight)
+        noise = np.nan_to_num(found.noise)[:, None]  # the same in every balance
+        moved = np.arange(1, SENSOR + 1) * np.nan_to_num(found.reading)[:, None] ** np.arange(SENSOR) * noise
+        in_powers = np.broadcast_to(moved[:, None], (*z.shape, SENSOR))
+        self._subtract(np.arange(layout.engine.stop, layout.solved), in_powers, np.broadcast_to(noise, z.shape), weight)
 
     def _subtract(self, own: NDArray[np.int64], columns: Array, z: Array, counted: Array) -> None:
         """Take what noise makes of the products of columns and z out of all sums; it is independent from window to window."""

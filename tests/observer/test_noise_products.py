@@ -28,7 +28,7 @@ def test_what_is_taken_off_is_the_covariance_that_noise_makes(engine, grid, sett
     values, rates = smooth(time, columns, segments, settings.smoothing)
     seen = {**recorded, **dict(zip(diesel.smoothed, values, strict=True))}
     rate = dict(zip(diesel.smoothed, rates, strict=True))
-    rough = {name: roughness(recorded[name], segments) for name in (*diesel.smoothed, "W_maf")}
+    rough = {name: roughness(recorded[name], segments) for name in diesel.noisy}
     signals = slope_signals(diesel, seen, rate, rough, np.full(N, step))
     per = round(LENGTH / step)
     means = signals[:, per : N - N % per].reshape(len(signals), -1, per).mean(axis=2).T[:-1]

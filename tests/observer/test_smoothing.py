@@ -171,7 +171,7 @@ def test_pieces_of_any_size_give_the_bits_of_the_whole(width, cuts):
     edges = [0, *cuts, 250]
     parts = [slice(start, stop) for start, stop in pairwise(edges)]
     pieces = [Piece(time[part], {"p": signal[part]}, begins[part]) for part in parts]
-    found = list(stretches(pieces, ("p",), width, ("p",)))
+    found = list(stretches(pieces, ("p",), width, ("p",), ("p",)))
     segments = ((0, 100), (100, 102), (102, 250))
     values, rates = smooth(time, signal[None, :], segments, width)
     calm, _ = smooth(time, signal[None, :], segments, smoothing.CALM * width, smoothing.CALM_LEAST)
