@@ -35,7 +35,7 @@ ROUNDS = 4  # rounds between the covariance of the errors and the solution; the 
 FIRST_ERROR = 5e-5  # [kg/s sqrt(s)] of every balance, from which the rounds start
 LEAST_WINDOWS = 40.0  # of a quarter of a second, under which what is not known of the engine absorbs a balance's errors
 LEAST_SPARED = 15.0
-"""A sensor that reads 2 % too much looks like an engine that breathes 2 % less than configured. Its error follows the flow where
+"""A sensor that reads 2 % too much looks like an engine that breathes 2 % more than configured. Its error follows the flow where
 the unknowns of the engine then move so much less, in squares over their variance. On 96 drives without such an error, constants
 within 1 or 3 % or twice as far as stated, they spared 9.8 at most; with a gain of 0.95, 35 to 72 on 12 drives; with 1.02, 2 to 22.
 How well the rows fit does not decide: what the balances lack in transients fits a slope of up to 7 %."""
