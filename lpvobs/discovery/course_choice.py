@@ -14,7 +14,8 @@ from lpvobs.compiled import njit
 from lpvobs.discovery import thresholds
 from lpvobs.discovery.courses import GRADED, TracedCourse, can_be_graded, hystereses, in_time, lags, near, on_course
 from lpvobs.discovery.curves import channel_candidates
-from lpvobs.discovery.evidence import Candidate, fit_candidate, penalty, score, slope_of
+from lpvobs.discovery.evidence import Candidate, fit_candidate, penalty, score, slope_of, with_best_interval
+from lpvobs.discovery.fit import refit, without
 from lpvobs.discovery.linear import Linear, cancels, residual_with
 from lpvobs.discovery.ranking import least_gain
 from lpvobs.discovery.residual import Problem, Term
@@ -31,12 +32,14 @@ def best_course(linear: Linear, bare: Linear, own: Candidate, rivals: Sequence[E
     courses = list(hystereses(_inputs(bare.problem), thresholds.RELAY_LEVELS))
     relays = courses, np.array([bare.problem.share(course) for course in courses])  # at every place
     bank = _bank(bare.problem)
+    able = [e for e in (own.term.effect, *rivals) if not e.id.endswith(".drift")]
     found: list[Candidate] = []
-    # A reading that comes and goes may be any disturbance: without a cause in the log it has no name.
-    if own.term.effect.place != "sensor":
+    # A reading that comes and goes may be any disturbance. Without a cause in the log it has a name only where healthy
+    # drives tell what is usual.
+    if own.term.effect.place != "sensor" or len(bare.problem.patterns):
         intervals = _comes_and_goes(linear, len(linear.terms) - 1)
-        found = [fit_course(bare, own.term.effect, course) for course in intervals]
-    for effect in (e for e in (own.term.effect, *rivals) if not e.id.endswith(".drift")):
+        found = [fit_course(bare, effect, course) for course in intervals for effect in able]
+    for effect in able:
         found += [fit_course(bare, effect, course) for course in _promising(bare, effect, bank, relays)]
     best = max(found, key=score, default=own)
     best = finer(bare, best)
@@ -51,9 +54,9 @@ def best_course(linear: Linear, bare: Linear, own: Candidate, rivals: Sequence[E
 
 def timed_again(linear: Linear, index: int) -> Term:
     """Return an effect that comes and goes with the intervals that all data show beside the whole model."""
-    term = linear.terms[index]
-    found = next(_comes_and_goes(linear, index), None)
-    return term if found is None else replace(on_places(term.effect, found, linear.problem), size=term.size)
+    term, bare = linear.terms[index], without(linear, index)
+    found = [fit_course(bare, term.effect, course) for course in _comes_and_goes(linear, index)]
+    return max(found, key=score).term if found else term
 
 
 def fit_course(bare: Linear, effect: Effect, course: TracedCourse) -> Candidate:
@@ -82,16 +85,44 @@ def gains(linear: Linear, direction: Array, shares: Array) -> Array:
 
 
 def _comes_and_goes(linear: Linear, index: int) -> Iterator[TracedCourse]:
-    """Yield the intervals in which an effect of a model explains the residual, if there are several."""
-    problem = linear.problem
+    """Yield the intervals in which an effect of a model explains the residual, if there are several.
+
+    Further episodes and pauses are found one after the other beside all unknowns, which else have taken what is left. Then all
+    edges are moved together.
+    """
+    problem, term = linear.problem, linear.terms[index]
     if problem.of_log[-1] > 0:
         return
-    gain = advantage(linear, index)
-    acting, clock = _switched_on(gain).astype(int), problem.clock
-    between = np.concatenate([clock[:1], 0.5 * (clock[1:] + clock[:-1]), [np.nextafter(clock[-1], np.inf)]])
+    ends = problem.clock[0], float(np.nextafter(problem.clock[-1], np.inf))
+    intervals = list(term.course.intervals if term.course else [tuple(np.clip((term.begin, term.end), *ends))])
+    for _ in range(thresholds.MOST_SWITCHES):
+        further = with_best_interval(linear, fit_candidate(linear, term.effect))
+        if score(further) <= 0.0 or not further.changes:
+            break
+        size, null = linear.terms[index].size, term.effect.null
+        span = np.clip((further.term.begin, further.term.end), *ends)
+        intervals = _with_interval(intervals, span, acts=(further.term.size > null) == (size > null))
+        if not 1 <= len(intervals) <= thresholds.MOST_SWITCHES:
+            return
+        episodes = on_places(term.effect, TracedCourse("intermittent", intervals=tuple(intervals)), problem)
+        others = linear.terms[:index], linear.terms[index + 1 :]
+        linear = refit(linear, [*others[0], replace(episodes, size=size), *others[1]])
+    if len(intervals) > 1:
+        yield TracedCourse("intermittent", intervals=tuple(intervals))
+    acting, clock = _switched_on(advantage(linear, index)).astype(int), problem.clock
+    between = np.concatenate([clock[:1], 0.5 * (clock[1:] + clock[:-1]), ends[1:]])
     edges = between[np.flatnonzero(np.diff(acting, prepend=0, append=0))].reshape(-1, 2)
     if 1 < len(edges) <= thresholds.MOST_SWITCHES:
         yield TracedCourse("intermittent", intervals=tuple((float(a), float(b)) for a, b in edges))
+
+
+def _with_interval(intervals: Sequence[tuple[float, float]], other: Array, acts: bool) -> list[tuple[float, float]]:
+    """Return intervals with another one, in which the effect acts or pauses."""
+    edges = np.unique([*np.ravel(intervals), *other])
+    middle = 0.5 * (edges[1:] + edges[:-1])
+    on = np.any([(a < middle) & (middle < b) for a, b in intervals], axis=0)
+    on = np.where((other[0] < middle) & (middle < other[1]), acts, on).astype(int)
+    return [(float(a), float(b)) for a, b in edges[np.flatnonzero(np.diff(on, prepend=0, append=0))].reshape(-1, 2)]
 
 
 def finer(bare: Linear, found: Candidate) -> Candidate:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from lpvobs.discovery.course_choice import best_course, finer, fit_course, sharpened
+from lpvobs.discovery.course_choice import best_course, finer, fit_course, sharpened, timed_again
 from lpvobs.discovery.courses import GRADED, FactorSurface, can_be_graded
 from lpvobs.discovery.curves import surface_again
 from lpvobs.discovery.evidence import Candidate, best_first, fit_candidate, in_place, loss_of, score, with_best_interval
@@ -49,13 +49,22 @@ def choose_again(linear: Linear, candidate: Candidate) -> tuple[Candidate, Linea
         on_course = best_course(linear, bare, again, [c.term.effect for c in ranked if c.id in ids])
         if on_course is not again and _is_better(linear, bare, on_course, again):
             linear = fit(problem, [*bare.terms, on_course.term], start=linear)
-            nearer = finer(without(linear, newest), on_course)
-            if nearer is not on_course:
+            nearer = _nearer(linear, on_course)
+            if nearer.term.course != on_course.term.course:
                 linear = fit(problem, [*bare.terms, nearer.term], start=linear)
             return in_place(linear, newest, nearer), linear
     if again.changes:
         linear = fit(problem, [*bare.terms, sharpened(linear, newest)], start=linear)
     return in_place(linear, newest, again), linear
+
+
+def _nearer(linear: Linear, found: Candidate) -> Candidate:
+    """Return the newest effect of a model, `found`, with its course sought again beside the weights that it leaves."""
+    bare, course = without(linear, len(linear.terms) - 1), found.term.course
+    if course is None or not course.intervals:
+        return finer(bare, found)
+    again = timed_again(linear, len(linear.terms) - 1).course
+    return found if again is None or again == course else fit_course(bare, found.term.effect, again)
 
 
 def _others(bare: Linear) -> list[Effect]:

@@ -50,6 +50,7 @@ def by_verbs(lpvobs, tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_the_example_tells_what_it_did(example):
     folder, printed = example
     assert "gain: proven at 128 vertices" in printed

@@ -110,6 +110,7 @@ def test_every_task_comes_back_once_with_its_number(processes):
         assert list(workers.finished(squared, [])) == []
 
 
+@pytest.mark.slow
 def test_a_worker_that_dies_is_said_in_one_line():
     with pytest.raises(DataError, match="worker process died") as failure, jobs.Workers(2) as workers:
         list(workers.finished(squared, [13, 1, 2]))
@@ -145,6 +146,7 @@ def test_processes_give_the_fleet_of_one_process(followed, logs, fleet, tmp_path
     assert followed(logs[::-1], tmp_path / "f.h5", jobs=2) == fleet
 
 
+@pytest.mark.slow
 def test_who_finishes_last_changes_no_bit_of_a_fleet(followed, logs, tmp_path, monkeypatch):
     """Nor does the order in which the logs are named."""
     (tmp_path / "in order").mkdir()

@@ -37,6 +37,7 @@ def test_estimate_makes_its_own_gain_when_none_is_given(lpvobs, config, chain, t
     assert done.json["logs"][0]["share_certified"] >= 0.95
 
 
+@pytest.mark.slow
 def test_neither_estimate_with_a_gain_nor_verify_imports_solver_or_tracer(config, chain, tmp_path):
     searching = (
         "scipy.linalg",

@@ -164,6 +164,7 @@ def test_parts_of_another_configuration_are_not_taken(estimate, config, chain, f
 
 
 @pytest.mark.parametrize("sent", [pytest.param(signal.SIGINT, marks=pytest.mark.proof), signal.SIGKILL])
+@pytest.mark.slow
 def test_no_process_is_left_behind(config, chain, fleet, tmp_path, sent):
     out, parts = tmp_path / "r.h5", tmp_path / "r.h5.parts"
     call = ["estimate", "--config", config, "--gain", chain.gain, fleet, "--jobs", "2", "--out", out]

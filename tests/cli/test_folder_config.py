@@ -34,6 +34,7 @@ def shortened(config, path):
     path.write_text(changed, encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_the_chain_runs_without_naming_it(config, chain, project):
     shortened(config, project / "lpvobs.toml")
     said = f"configuration: {project / 'lpvobs.toml'}"

@@ -63,6 +63,7 @@ def test_the_default_method_refuses_a_gain_that_is_no_cascade(lpvobs, config, ch
 
 
 @pytest.mark.parametrize(("sent", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
+@pytest.mark.slow
 def test_signals_end_a_simulation_cleanly(config, tmp_path, sent, code):
     call = ["simulate", "--config", str(config), "--cycle", "wltc", "--out", str(tmp_path / "log.parquet")]
     process = subprocess.Popen([*AFRESH, *call], stderr=subprocess.PIPE, text=True)

@@ -135,6 +135,7 @@ def test_a_key_too_many_or_too_few_is_refused(outputs, validator):
             assert not schema.is_valid({name: value for name, value in content.items() if name != key}), key
 
 
+@pytest.mark.slow
 def test_a_value_of_another_type_is_refused_at_any_depth(outputs, validator):
     for content in map(shortened, outputs.values()):
         schema = validator(verb_of(content))

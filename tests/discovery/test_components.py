@@ -39,6 +39,7 @@ def found(wrong, config, clean):
     return refine(wrong, config.grid(), free_map(config.grid(), len(wrong.names), 0.1), [clean])
 
 
+@pytest.mark.slow
 def test_cylinders_that_take_more_around_a_speed_are_a_curve(found):
     (finding,) = found.trace.findings
     assert finding.id == "eta_vol.curve"

@@ -32,6 +32,7 @@ def case(request, plant, config, clean, misread):
     return truth, name, log, refine(plant, config.grid(), prior, [log])
 
 
+@pytest.mark.slow
 def test_the_course_is_named_with_the_size_of_the_whole(case):
     _, name, _, found = case
     (finding,) = found.trace.findings

@@ -5,7 +5,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from lpvobs.discovery.course_choice import comes_and_goes, switched
+from lpvobs.discovery.course_choice import _with_interval, comes_and_goes, switched
 from lpvobs.discovery.fit import fit
 from lpvobs.discovery.linear import Term
 from lpvobs.discovery.residual import free_map, lay_out
@@ -57,3 +57,17 @@ def test_what_undoes_an_effect_in_a_pause_does_not_hide_the_pause(fitted, plant,
     gain = model.terms[0].effect
     undone = fit(model.problem, [Term(gain, 1.08, 80.0, 260.0), Term(gain, 0.93, 170.0, 200.0)])
     assert comes_and_goes(undone, 0)
+
+
+@pytest.mark.parametrize(
+    ("span", "acts", "expected"),
+    [
+        ((5.0, 6.0), True, [(0.0, 2.0), (3.0, 4.0), (5.0, 6.0)]),
+        ((1.5, 3.5), True, [(0.0, 4.0)]),
+        ((0.5, 1.0), False, [(0.0, 0.5), (1.0, 2.0), (3.0, 4.0)]),
+        ((1.5, 9.0), False, [(0.0, 1.5)]),
+        ((-1.0, 9.0), False, []),
+    ],
+)
+def test_a_further_episode_or_a_pause_changes_the_intervals(span, acts, expected):
+    assert _with_interval([(0.0, 2.0), (3.0, 4.0)], np.array(span), acts) == expected

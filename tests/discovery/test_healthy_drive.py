@@ -109,6 +109,19 @@ def test_a_change_is_found_and_no_change_is_not(healthy, plant, config, prior, o
     assert set(found.beta) == set(plant.names)  # every constant has a value
 
 
+@pytest.mark.slow
+def test_a_sensor_that_comes_and_goes_has_its_episodes(healthy, plant, config, prior, other, clean):
+    t = clean.time
+    on = ((t > 40.0) & (t < 80.0)) | ((t > 120.0) & (t < 150.0)) | ((t > 210.0) & (t < 260.0))
+    (finding,) = refine(
+        plant, config.grid(), prior, [other(2, np.where(on, 1.08, 1.0))], healthy=healthy
+    ).trace.findings
+    assert (finding.id, finding.course) == ("maf.gain", "intermittent")
+    assert finding.parameters["factor"].value == pytest.approx(1.08, abs=0.01)
+    said = np.any([(t >= a) & (t < b) for a, b in finding.follows.intervals], axis=0)
+    assert np.mean(said == on) > 0.95  # an edge in a stretch of 20 s that is kept back may be off by half of it
+
+
 def test_it_comes_back_from_a_file_as_it_was(healthy, tmp_path):
     with h5py.File(tmp_path / "r.h5", "w") as file:
         write(file, "healthy", healthy)
@@ -157,6 +170,7 @@ def test_what_a_balance_says_where_it_does_not_count_teaches_nothing(laid_out, c
     assert (nothing.weights.any(), nothing.amplitude, nothing.lasting) == (False, 0.0, 1.0)
 
 
+@pytest.mark.slow
 def test_what_a_fault_explains_is_no_noise_beside_it(healthy, plant, config, prior, other, clean):
     gain, gains = plant.effect("maf.gain"), []
     for factor in (1.0, np.where(clean.time > 150.0, 1.1, 1.0)):
@@ -295,6 +309,7 @@ def linear_at_zero(problem):
     return SimpleNamespace(beta=np.zeros(problem.spread.size))
 
 
+@pytest.mark.slow
 def test_one_healthy_drive_cannot_tell_how_much_days_differ(healthy, plant, config, prior, other):
     """After it, half of the sound drives that were called faulty had a `p_value` of some ten thousandths."""
     several = replace(healthy, logs=("a", "b"))
@@ -486,6 +501,7 @@ def test_a_shift_of_a_balance_bends_nothing(laid_out, clean):
     np.testing.assert_allclose(bias[0], bias[1], atol=1e-12)  # kg/s, rounding
 
 
+@pytest.mark.slow
 def test_an_effect_whose_derivative_is_noise_halfway_is_found_at_its_size(
     healthy, other, config, prior, plant, monkeypatch
 ):

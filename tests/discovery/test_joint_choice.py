@@ -35,6 +35,7 @@ def test_a_course_that_only_seems_to_gain_more_than_a_large_fault_does_not_take_
 
 
 @pytest.mark.parametrize("proven", [True, False])
+@pytest.mark.slow
 def test_an_effect_gives_way_only_to_one_that_is_proven(laid_out, plant, clean, monkeypatch, proven):
     """What healthy drives always seem to have explains a residual well and proves nothing; once it displaced the proven cause."""
     # after a step of 4 % a weaker compressor leads by so much that the pressure is no rival of the second choice

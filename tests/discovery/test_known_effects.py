@@ -106,6 +106,7 @@ def learned(first, other_cycle, misread, plant, config):
     return refine(plant, config.grid(), prior, [slow], hold_out=[unseen]), slow, unseen
 
 
+@pytest.mark.slow
 def test_an_effect_learned_on_one_cycle_lowers_the_error_on_another(learned):
     found, *_ = learned
     assert found.known_effects[0].id == "maf.lag"

@@ -114,6 +114,7 @@ def _like(linear, one):
     return Candidate(Term(one, one.null), 0.0, 1.0, 1.0, np.zeros(linear.problem.first.size), 1.0, False, 1.0)
 
 
+@pytest.mark.slow
 def test_a_fit_that_begins_far_from_its_optimum_ends_there(laid_out, clean, plant):
     """Full steps jumped to and fro across the stall of the compressor."""
     shifted = replace(clean, channels={**clean.channels, "p_im": clean["p_im"] * 0.96})

@@ -21,6 +21,7 @@ def stepped(clean, misread, plant, config):
     return refine(plant, config.grid(), prior, [log]), log
 
 
+@pytest.mark.slow
 def test_a_portrait_is_bounded_and_keeps_the_extremes(stepped):
     found, log = stepped
     seen = portrait(found, [log])

@@ -40,6 +40,7 @@ def test_a_clean_log_has_nothing(closed, clean):
     assert found.trace.as_json(refined=False)["error"].keys() == {"measure", "unit", "before", "held_out"}
 
 
+@pytest.mark.slow
 def test_a_lag_is_named_with_its_time_constant(closed, clean, misread):
     found = closed(misread(clean, lagged(clean["W_maf"], clean.time, 0.08)))
     (finding,) = found.trace.findings
@@ -74,6 +75,7 @@ def test_an_engine_that_breathes_less_is_the_engine_not_the_sensor(closed, recor
     assert low < 0.9 < high
 
 
+@pytest.mark.slow
 def test_a_volume_within_its_tolerance_is_no_fault(closed, record, config):
     """With 1 % for a manifold of which 15 % are stated, sound drives had a `p_value` of 1e-13, and some a name."""
     wider = replace(config.engine, geometry=replace(config.engine.geometry, V_im=1.12 * config.engine.geometry.V_im))
@@ -140,6 +142,7 @@ def test_what_may_differ_from_day_to_day_is_no_fault(nominal, clean, misread, co
         diesel_model(config.engine, config.estimate.tolerance, DayToDay({"maf.gian": 0.03}))
 
 
+@pytest.mark.slow
 def test_against_a_nominal_map_a_switch_does_nothing_where_it_is_off(nominal, clean, misread, plant, config):
     on = (np.sin(0.11 * clean.time) + np.sin(0.043 * clean.time) > 0.3).astype(float)
     log = misread(clean, clean["W_maf"] + 0.002 * on, {"compressor": on})

@@ -92,6 +92,7 @@ def test_an_engine_in_order_is_found_in_order(in_order):
     assert in_order.findings == ()
 
 
+@pytest.mark.slow
 def test_the_log_that_taught_the_engine_is_judged_by_parts_it_was_not_learned_from(model, healthy, config):
     free = free_map(config.grid(), len(model.names), config.estimate.prior_map)
     problem = lay_out(model, config.grid(), free, [healthy])
@@ -218,6 +219,7 @@ def test_what_no_effect_explains_is_not_named(judge, another_day):
         *(pytest.param(*gone, marks=pytest.mark.proof) for gone in (("alpha_th", "throttle"), ("m_f", "fuel"))),
     ],
 )
+@pytest.mark.slow
 def test_missing_channels_leave_the_other_balances_and_are_told(judge, another_day, missing, lost):
     wrong = since(another_day, "W_maf", lambda x: 1.15 * x)
     part = judge({name: x for name, x in wrong.items() if name != missing}).trace.logs[0]

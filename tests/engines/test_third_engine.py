@@ -150,6 +150,7 @@ def test_the_observer_as_published_runs_on_it(example, log, tmp_path):
     assert np.isfinite(read_result(result).theta[read_result(result).supported]).all()
 
 
+@pytest.mark.slow
 def test_the_loop_finds_what_it_lacks(example, tmp_path):
     healthy = drive(tmp_path / "healthy.parquet", 240, 5e-4, 1)
     today = drive(tmp_path / "today.parquet", 240, 5e-4, 2, 1.05, 120.0)

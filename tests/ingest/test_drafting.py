@@ -108,6 +108,7 @@ def test_polled_recordings_are_recognised(tmp_path):
     assert polled(columns, list("abcd")) == pytest.approx(0.25, abs=0.01)
 
 
+@pytest.mark.slow
 def test_mat_vectors_get_the_time_base_of_their_length(tmp_path):
     path = tmp_path / "drive.mat"
     fast, slow = np.arange(0, 4, 0.01), np.arange(0, 4, 0.5)
@@ -120,6 +121,7 @@ def test_mat_vectors_get_the_time_base_of_their_length(tmp_path):
     assert ingest([path], profile_of(told, path)).channels["p_amb"][0] == pytest.approx(99000.0)
 
 
+@pytest.mark.slow
 def test_mdf_groups_need_no_time_and_get_a_rate(tmp_path):
     asammdf = pytest.importorskip("asammdf", reason="the extra lpvobs[mdf] is not installed")
     file = asammdf.MDF(version="4.10")
@@ -136,6 +138,7 @@ def test_mdf_groups_need_no_time_and_get_a_rate(tmp_path):
 
 
 @given(st.text(max_size=30), st.text(max_size=10))
+@pytest.mark.slow
 def test_any_header_gives_a_draft_that_is_toml(tmp_path_factory, name, unit):
     path = tmp_path_factory.mktemp("any") / "drive.csv"
     clean = "".join(

@@ -132,6 +132,7 @@ def test_mdf_with_a_time_base_per_group(tmp_path, version, name):
     assert "unit_spelling" in found.record["channels"]["T_im"]["repairs"]
 
 
+@pytest.mark.slow
 def test_mdf_names_that_several_groups_have(tmp_path):
     path = mdf(
         tmp_path / "drive.mf4", [(FAST, [("n", SPEED, "rad/s")]), (SLOW, [("T", CELSIUS, "°C"), ("n", CELSIUS, "rpm")])]

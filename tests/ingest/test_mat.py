@@ -32,6 +32,7 @@ def recording(request, tmp_path):
     return open_mat(path, RULES)
 
 
+@pytest.mark.slow
 def test_vectors_come_through_and_nothing_else_does(recording):
     assert set(recording.heads) == {*NUMBERS, "column", "flag", *UNITS}
     assert {name: recording.heads[name].unit for name in UNITS} == UNITS
@@ -46,6 +47,7 @@ def test_vectors_come_through_and_nothing_else_does(recording):
 
 
 @pytest.mark.parametrize("number", [2, 4, 14, 18, 22])
+@pytest.mark.slow
 def test_damage_is_one_line(tmp_path, number):
     """Inputs of the fuzzer in which types and sizes of elements lie; most others change numbers, which nobody can see."""
     rng = random.Random(number)
@@ -57,6 +59,7 @@ def test_damage_is_one_line(tmp_path, number):
 
 
 @pytest.mark.parametrize("lost", [1, 7, 8, 100, 600])
+@pytest.mark.slow
 def test_a_file_that_was_cut_off(tmp_path, lost):
     path = tmp_path / "drive.mat"
     savemat(path, {"t": np.arange(60.0), "n": np.arange(60.0)})

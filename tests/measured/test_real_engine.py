@@ -35,6 +35,7 @@ def traced(folder):
     return lambda name: lpvobs.trace(folder / "healthy.h5", folder / f"{name}.parquet").found
 
 
+@pytest.mark.slow
 def test_the_balances_hold_on_parts_that_taught_nothing(folder):
     # As the record of the data says: a flexible model reaches 6 %, speed-density 4 % robustly; physics ought to be better.
     throttle, filling, fuel, ambient = known_engine(read_result(folder / "healthy.h5")).healthy.rms
@@ -49,6 +50,7 @@ def test_nothing_is_found_on_the_healthy_log_by_parts(traced):
 
 
 @pytest.mark.parametrize("name", ["wltp_NF", *FAULTS])
+@pytest.mark.slow
 def test_nothing_is_found_before_the_fault_begins(folder, traced, name):
     table = pq.read_table(folder / f"{name}.parquet")
     time = table["time"].to_numpy()

@@ -88,6 +88,7 @@ def test_the_recursion_is_the_dense_step(chained, cascade, missing):
     assert np.isnan(found.innovation).any() == missing
 
 
+@pytest.mark.slow
 def test_the_filter_is_the_textbook_s(chained):
     n, path, outputs, log, _, _ = chained
     log, tuning = few(log, 200), KalmanSettings({"W": 0.1}, {"x_1": 1.0}, map_drift=0.01, prior_map=0.1)
@@ -101,6 +102,7 @@ def test_the_filter_is_the_textbook_s(chained):
     np.testing.assert_allclose(found.P, P, rtol=0, atol=1e-10)
 
 
+@pytest.mark.slow
 def test_every_method_finds_the_map(chained):
     n, path, outputs, log, _, gain = chained
     state_gain = StateGain(outputs, gain.L, gain.region)

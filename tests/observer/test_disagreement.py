@@ -27,6 +27,7 @@ def fleet(drive, other_drive):
     return [replace(noisy(log, seed), name=f"log {seed}") for log, seed in drives]
 
 
+@pytest.mark.slow
 def test_logs_of_one_map_agree(air_path, grid, gain, settings, fleet):
     scatter, found = judged(air_path, grid, gain, settings, fleet)
     assert [item.name for item in found] == [log.name for log in fleet]

@@ -86,6 +86,7 @@ def test_its_quadratic_is_eq_40(exact, grid):
     assert np.abs(evaluate(found.coefficients, u, n) - surface(u, n)).max() < 0.05 * GRAM
 
 
+@pytest.mark.slow
 def test_a_sensor_without_error_gets_a_map_of_zero_within_its_intervals(air_path, grid, gain, drive, settings):
     inside = []
     for seed in (1, 2, 3):
@@ -96,6 +97,7 @@ def test_a_sensor_without_error_gets_a_map_of_zero_within_its_intervals(air_path
     assert np.mean(inside) > 0.85
 
 
+@pytest.mark.slow
 def test_noise_alone_stays_within_intervals_that_know_the_constants(air_path, grid, gain, drive, target, settings):
     """With no tolerance the standard error speaks of noise only, and has to be neither boastful nor useless."""
     known = exactly_known(air_path, settings)
@@ -145,6 +147,7 @@ def test_what_nobody_visited_is_unknown_and_unmoved(air_path, grid, gain, drive,
     np.testing.assert_allclose(prior, settings.prior_map, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_logs_add_up_in_any_order(air_path, grid, gain, drive, other_drive, settings):
     logs = noisy(drive[0], 5), noisy(other_drive[0], 6)
     forward = estimate_default(air_path, grid, gain, logs, settings)
@@ -314,6 +317,7 @@ def test_a_log_without_two_neighbouring_samples_is_refused(air_path, grid, gain,
         *(pytest.param(*case, marks=pytest.mark.proof) for case in ((5, {}), (5, {"V_d": 0.01}), (150, {}))),
     ],
 )
+@pytest.mark.slow
 def test_a_log_of_one_short_visit_is_no_fault_of_the_program(air_path, grid, gain, drive, N, tolerance):
     """One stay in one cell: one residual integral, from which no covariance of two balances can be told."""
     k = np.arange(N)

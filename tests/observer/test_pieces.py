@@ -106,6 +106,7 @@ def test_samples_side_by_side_have_the_bits_of_one_by_one():
         np.testing.assert_array_equal((value, rate), (values[:, k], rates[:, k]))
 
 
+@pytest.mark.slow
 def test_the_order_of_the_logs_does_not_move_a_bit(air_path, grid, gain, settings, drive, other_drive):
     logs = [
         replace(noisy(log, seed), sha256=digest, name=digest)

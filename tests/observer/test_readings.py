@@ -37,6 +37,7 @@ def slow(x, tau, step):
 
 
 @pytest.mark.parametrize(("tau", "period"), [(0.03, 1.0), (2.0, 8.0)])
+@pytest.mark.slow
 def test_a_lag_is_taken_off(tau, period):
     time = np.arange(4000) * 0.01
     truth = 600.0 + 100.0 * np.sin(2.0 * np.pi * time / period)

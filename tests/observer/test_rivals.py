@@ -29,6 +29,7 @@ def outputs_of(*names):
 
 
 @pytest.mark.parametrize("outputs", [FOUR, ("p_im", "omega_t")])
+@pytest.mark.slow
 def test_outputs_one_by_one_are_all_outputs_at_once(air_path, outputs):
     log = scattered(31, 250)
     trajectory, point = air_path.trajectory(log, outputs), (log["u_delta"], log["n_e"])

@@ -38,6 +38,7 @@ def estimated(grid, gain, point, log):
 
 
 @pytest.mark.parametrize("share", [(), (0.0,)], ids=["as usual", "a bench tells of nothing left"])
+@pytest.mark.slow
 def test_what_formulas_leave_on_both_days_is_in_no_map(air_path, grid, gain, drive, settings, maps, share):
     """Half a gram at every node, twice: less than a fifth of it is left, and the intervals hold."""
     left, error = maps
@@ -48,6 +49,7 @@ def test_what_formulas_leave_on_both_days_is_in_no_map(air_path, grid, gain, dri
     assert (np.abs(away) <= 1.645 * found.standard_error[found.supported]).mean() > 0.85
 
 
+@pytest.mark.slow
 def test_another_map_than_that_of_the_healthy_day_is_refused(air_path, grid, gain, drive, settings, maps):
     point = learned(air_path, grid, gain, reading(grid, drive, maps[0]), settings)
     other = Grid(grid.fuel, grid.speed[:-1])

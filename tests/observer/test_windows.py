@@ -127,6 +127,7 @@ def twin(log, noise):
     return products - taken, slow - taken / GROUP, len(rows)
 
 
+@pytest.mark.slow
 def test_sums_are_those_of_dense_rows():
     log = drive(1, (0.02, -0.01), noise=0.05, own=1e-3)
     found = summed(log, noise=0.05)
@@ -212,6 +213,7 @@ def test_noise_on_both_sides_is_taken_out():
     assert pulled[1.0] < 0.35 * pulled[0.0]
 
 
+@pytest.mark.slow
 def test_errors_that_come_back_at_an_operating_point_widen_the_intervals():
     """One balance is off by the same at every visit; without that the factor is near one."""
     log = drive(7, own=1e-3, seconds=600.0)
@@ -226,6 +228,7 @@ def test_errors_that_come_back_at_an_operating_point_widen_the_intervals():
     assert np.mean(np.abs(clean.theta - THETA) < 1.645 * np.sqrt(np.diag(clean.covariance[:P, :P]))) > 0.75
 
 
+@pytest.mark.slow
 def test_two_logs_know_an_error_of_both_better():
     logs = [summed(drive(seed, (0.02, -0.01), own=1e-3, seconds=300.0)) for seed in (5, 6)]
     both = windows.Moments(**{name: sums + getattr(logs[1], name) for name, sums in vars(logs[0]).items()})

@@ -121,6 +121,7 @@ def in_order(told_by, drives):
 
 @given(order=st.permutations(range(4)).filter(lambda order: order != sorted(order)))
 @settings(max_examples=3)
+@pytest.mark.slow
 def test_the_order_of_logs_changes_no_byte(told_by, drives, in_order, order):
     assert told_by([drives[place] for place in order]) == in_order
 
@@ -279,6 +280,7 @@ def random_region(rng):
 
 
 @pytest.mark.parametrize("seed", range(4))
+@pytest.mark.slow
 def test_the_lyapunov_function_never_rises_on_a_random_polytope_at_any_step(seed):
     """Theorem 1 through backward Euler, from synthesis to the compiled recursion, with zero noise."""
     from lpvobs.synthesis.solve import synthesise
@@ -345,6 +347,7 @@ def test_nan_never_enters_a_state(tmp_path_factory, air_path, grid, seed):
 
 @given(seed=SEEDS)
 @settings(max_examples=4)
+@pytest.mark.slow
 def test_nan_never_enters_a_map(tmp_path_factory, air_path, grid, config, seed):
     """Map and errors of what is supported are numbers."""
     log = holed(tmp_path_factory.mktemp("nan"), seed)

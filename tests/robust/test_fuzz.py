@@ -17,6 +17,7 @@ from lpvobs.simulation.cycles import load_cycle
         *(pytest.param(kind, number, marks=pytest.mark.proof) for kind, number in (("mat", 3), ("mdf", 2))),
     ],
 )  # fmt: skip
+@pytest.mark.slow
 def test_no_input_is_a_fault_of_the_program(samples, kind, number):
     found = fuzz_kind(samples, kind, range(7_000_000, 7_000_000 + number), lambda line: None)
     assert found == []
@@ -33,6 +34,7 @@ def test_an_input_is_named_by_its_number(samples, tmp_path):
         assert corpus.write(kind, 5).read_bytes() != corpus.write(kind, 6).read_bytes(), kind
 
 
+@pytest.mark.slow
 def test_an_input_can_be_looked_at_again():
     assert "checksum" in show("hdf5 bytes", 10_000_001)  # whatever byte it hits, the seal tells
 
@@ -60,6 +62,7 @@ def test_the_good_recordings_of_the_corpus_are_good(make, tmp_path):
         read(path)
 
 
+@pytest.mark.slow
 def test_mutated_inputs_reach_the_readers(samples, tmp_path):
     """Otherwise the fuzzer would try the same refusal for ever."""
     corpus, seen = Corpus(samples, tmp_path), set()

@@ -54,6 +54,7 @@ def test_a_flipped_bit_anywhere_is_noticed_before_hdf5_sees_it(copy, kind):
 
 
 @pytest.mark.parametrize("kind", READERS)
+@pytest.mark.slow
 def test_damage_to_a_file_without_a_seal_is_refused_or_harmless_and_never_hangs(copy, kind):
     """Each costs a process of its own, so few; `make fuzz` tries many."""
     path = copy(kind)

@@ -56,6 +56,7 @@ SCRIPT = """
 
 @pytest.mark.parametrize(("sent", "code", "word"), [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "term")])
 @pytest.mark.parametrize("way", ["wait", "in_a_finaliser", "in_a_library_that_fails_for_it", "behind_a_broad_except"])
+@pytest.mark.slow
 def test_a_signal_ends_a_verb_with_its_code_and_leaves_the_old_file_alone(tmp_path, sent, code, word, way):
     target = tmp_path / "old.h5"
     target.write_text("old")

@@ -63,6 +63,7 @@ class Reader(html.parser.HTMLParser):
 
 
 @pytest.mark.parametrize("with_log", [False, True])
+@pytest.mark.slow
 def test_no_string_of_a_file_becomes_markup(hostile, with_log):
     result, log = hostile
     text = page(load([result, log] if with_log else [result]))

@@ -20,6 +20,7 @@ def lpvobs(*arguments, **streams):
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_reader_that_has_left_is_no_failure(samples):
     for arguments in (("inspect", samples.log), ("inspect", samples.log, "--json"), ("--help",), ("--version",)):
         reading, writing = os.pipe()
@@ -44,6 +45,7 @@ def test_output_that_nobody_can_read_is_one_line_and_a_code(samples):
 
 
 @pytest.mark.parametrize("closed", [(1,), pytest.param((2,), marks=pytest.mark.proof), (0, 1, 2)])
+@pytest.mark.slow
 def test_closed_streams_hinder_nothing_and_no_file_takes_their_place(samples, tmp_path, closed):
     copy = tmp_path / "map.h5"
     copy.write_bytes(Path(samples.result).read_bytes())

@@ -140,6 +140,7 @@ def limited():
 
 
 @pytest.mark.parametrize("verb", ["gain", "log", "page"])
+@pytest.mark.slow
 def test_a_disk_that_is_full_half_way_costs_nothing(samples, tmp_path, verb):
     """A limit on the size of files stands in for the disk: the kernel refuses to write more in the same way."""
     target = tmp_path / "target"

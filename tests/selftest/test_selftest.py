@@ -16,6 +16,7 @@ SLOW = ("loop",)  # it simulates and searches drives
 
 
 @pytest.mark.parametrize("case", [pytest.param(case, marks=[pytest.mark.proof] * (case in SLOW)) for case in CASES])
+@pytest.mark.slow
 def test_every_answer_is_right(case):
     rows = list(rows_of(case, CASES[case]))
     assert rows

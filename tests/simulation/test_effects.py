@@ -48,6 +48,7 @@ def test_a_drive_without_effects_is_the_one_of_before(clean):
 
 
 @pytest.mark.parametrize("identifier", CATALOGUE)
+@pytest.mark.slow
 def test_an_effect_of_no_size_changes_no_byte(inject, clean, identifier):
     assert same(inject(CatalogueEffect(identifier, CATALOGUE[identifier].neutral)), clean)
 

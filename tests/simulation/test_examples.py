@@ -39,6 +39,7 @@ def undisturbed():
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+@pytest.mark.slow
 def test_an_example_drives_and_shows(config, cycle, minutes, undisturbed, path):
     wanted = load_effects(path)
     assert path.read_text(encoding="utf-8").startswith("# ")

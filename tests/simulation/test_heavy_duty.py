@@ -55,6 +55,7 @@ def answer(plant, heavy, before, after):
     return settle(plant, x, given._replace(u_vgt=after), 10.0) - rest[-1]
 
 
+@pytest.mark.slow
 def test_closing_wide_vanes_moves_the_flow_down_and_then_up(plant, heavy):
     """Wahlstrom and Eriksson (2011): non-minimum phase, and a negative gain from u_vgt to W_c."""
     W_c = answer(plant, heavy, 75.0, 65.0)
@@ -64,6 +65,7 @@ def test_closing_wide_vanes_moves_the_flow_down_and_then_up(plant, heavy):
     assert STEP * np.flatnonzero(W_c < 0.0)[-1] < 3.0  # and never again
 
 
+@pytest.mark.slow
 def test_closing_narrow_vanes_overshoots_with_the_other_sign(plant, heavy):
     """The same engine: a positive gain, with an overshoot."""
     W_c = answer(plant, heavy, 30.0, 25.0)

@@ -166,6 +166,7 @@ def test_egr_flows_backward_through_a_leak_as_through_the_valve(plant):
 
 @pytest.mark.parametrize("identifier", [name for name, kind in CATALOGUE.items() if kind.place == "plant"])
 @pytest.mark.parametrize("end", ["low", "high"])
+@pytest.mark.slow
 def test_the_engine_runs_at_both_ends_of_every_range(inject, identifier, end):
     kind = CATALOGUE[identifier]
     value = getattr(kind, end)

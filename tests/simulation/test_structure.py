@@ -103,6 +103,7 @@ def test_truth_stays_true(form, config, name):
     assert np.median(np.abs(rate["p_im"] - wanted)) < 0.01 * np.sqrt(np.mean(rate["p_im"] ** 2))
 
 
+@pytest.mark.slow
 def test_all_forms_together_leave_a_drivable_engine(form, config):
     """A long way from the model (the estimator's relations on true signals), and still near the set-points of its control."""
     log = form(**dict.fromkeys(FORMS, 1.0))

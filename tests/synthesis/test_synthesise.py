@@ -38,6 +38,7 @@ def test_the_paper_s_outputs_suffice_at_nominal_temperatures(diesel, column, cas
         )
     ],
 )
+@pytest.mark.slow
 def test_wide_temperatures_are_covered_where_they_can_be(diesel, cascade, column, options, vertices):
     problem = diesel(column, **WARM, **options)
     gain = synthesise(problem, cascade=cascade)
@@ -65,6 +66,7 @@ def test_the_etc_box_from_three_outputs_is_refused_and_cannot_be_had(diesel, cas
     assert "\n" not in str(refusal.value)
 
 
+@pytest.mark.slow
 def test_the_largest_part_of_the_etc_box_ends_where_it_must(diesel, monkeypatch):
     resolution = 0.05  # five regions are tried, and not seven
     monkeypatch.setattr("lpvobs.synthesis.solve.RESOLUTION", resolution)
@@ -145,6 +147,7 @@ def attempt(problem, **options):
         return None
 
 
+@pytest.mark.slow
 def test_units_change_neither_verdict_nor_gain():
     verdicts = []
     for seed in range(30):
@@ -163,6 +166,7 @@ def test_units_change_neither_verdict_nor_gain():
     assert 3 <= sum(verdicts) <= 27  # both verdicts occur
 
 
+@pytest.mark.slow
 def test_units_do_not_matter_to_the_diesel(diesel):
     problem = diesel("ETC", **WARM, p_em=True)
     T, S = [Fraction(1e-6), Fraction(1e6), Fraction(3e-3)], [Fraction(1e6), Fraction(1e-6), Fraction(7), Fraction(1e5)]

@@ -106,6 +106,7 @@ def test_an_open_valve_counts_once_a_calibration_knows_the_egr(config, tmp_path,
     assert trust[:, 0].tolist() == [1.0, float(learned), 1.0]
 
 
+@pytest.mark.slow
 def test_a_bench_shows_the_filling_with_the_valve_shut_and_open_and_the_egr_itself(config):
     channels = drive(40.0)
     table = {name: values[::100] for name, values in channels.items() if name not in ("time", "W_maf")}

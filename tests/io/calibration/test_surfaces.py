@@ -325,6 +325,7 @@ DAMAGE = {
 
 
 @pytest.mark.parametrize("case", DAMAGE)
+@pytest.mark.slow
 def test_old_files_that_cannot_be_used_are_refused_in_one_line(result, tmp_path, case):
     change, words = DAMAGE[case]
     old = write_old(tmp_path / "old.dcm", values=0.36 + np.arange(15.0).reshape(3, 5))

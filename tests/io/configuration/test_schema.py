@@ -84,6 +84,7 @@ DEPENDENT = {("ekf", "measurement_noise")}
 
 @pytest.mark.parametrize("change", CHANGES)
 @pytest.mark.parametrize("name", FILES)
+@pytest.mark.slow
 def test_schema_and_reader_refuse_the_same(schema, name, change, monkeypatch):
     document = tomllib.loads((ROOT / "configs" / name).read_text(encoding="utf-8"))
     start = list(CHANGES).index(change)

@@ -158,6 +158,7 @@ def test_version_and_digest_are_in_the_binary(exported, program):
 
 
 @pytest.mark.parametrize("number", [(), ("-DLPVOBS_FLOAT",)], ids=["double", "float"])
+@pytest.mark.slow
 def test_hostile_steps_leave_everything_finite_and_flagged(exported, number, tmp_path):
     _, folder = exported
     own = [path for path in sorted(folder.glob("*.c")) if path.name != "lpvobs_bench.c"]
@@ -202,6 +203,7 @@ def test_the_bench_reads_every_column_or_says_why_not(exported, program, uneven,
 
 
 @pytest.mark.skipif(shutil.which("clang") is None, reason="clang is not here")
+@pytest.mark.slow
 def test_clang_has_nothing_to_say_either(exported, uneven, program, tmp_path):
     _, folder = exported
     other = compiled(sorted(folder.glob("*.c")), tmp_path / "bench", compiler="clang")
@@ -277,6 +279,7 @@ def test_a_falling_gain_needs_a_cascade(chain, tmp_path, monkeypatch):
         export_unit(chain.gain, tmp_path / "unit", "c99", map_gain="falling")
 
 
+@pytest.mark.slow
 def test_the_unit_for_co_simulation(exported, uneven, chain, tmp_path):
     unit, _ = exported
     path = tmp_path / "observer.fmu"
