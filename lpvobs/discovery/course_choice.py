@@ -34,9 +34,8 @@ def best_course(linear: Linear, bare: Linear, own: Candidate, rivals: Sequence[E
     bank = _bank(bare.problem)
     able = [e for e in (own.term.effect, *rivals) if not e.id.endswith(".drift")]
     found: list[Candidate] = []
-    # A reading that comes and goes may be any disturbance. Without a cause in the log it has a name only where healthy
-    # drives tell what is usual.
-    if own.term.effect.place != "sensor" or len(bare.problem.patterns):
+    # A reading of the flow that comes and goes may be any disturbance: without a cause in the log it has no name.
+    if own.term.effect.place != "sensor":
         intervals = _comes_and_goes(linear, len(linear.terms) - 1)
         found = [fit_course(bare, effect, course) for course in intervals for effect in able]
     for effect in able:
