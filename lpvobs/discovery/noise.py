@@ -21,7 +21,6 @@ from lpvobs.discovery.thresholds import (
     LEAST_IN_CELL,
     MOST_STRETCHED,
     OUTLIER,
-    ROUNDS,
     SHORT,
     SLOW,
     TRANSIENT,
@@ -217,21 +216,18 @@ def _own_scatter(problem: Problem, nodes: Nodes, raw: Array) -> Array:
     root = np.sqrt(_pool(visits, shape) + LEAST_IN_CELL)  # of the instants of a balance in a cell
     share = LEAST_IN_CELL / np.maximum(np.sqrt(np.outer(visits.sum(0), visits.sum(0))), 1.0)
     often = np.stack([np.bincount(fast, on, minlength=len(spread)) for on in shown], axis=1)
-    within = raw
-    for _ in range(ROUNDS if problem.bounded else 3):
-        x = within / spread[fast].T
+    for _ in range(3):
+        x = raw / spread[fast].T
         sums = np.zeros((len(root), B, B))
         for a in range(B):
             for b in range(a + 1):
                 sums[:, a, b] = sums[:, b, a] = np.bincount(cells, x[a] * x[b], minlength=len(root))
         noise = (_pool(sums, shape) + share * sums.sum(0)) / root[:, :, None] / root[:, None, :]
         noise[:, silent, silent] = 1.0
-        usual = np.sqrt(np.einsum("cbb->cb", noise))[cells].T
-        power = np.stack([np.bincount(fast, row**2, minlength=len(spread)) for row in within / usual], axis=1)
+        y = raw / np.sqrt(np.einsum("cbb->cb", noise))[cells].T
+        power = np.stack([np.bincount(fast, row**2, minlength=len(spread)) for row in y], axis=1)
         spread = np.sqrt(power / np.maximum(often, 1))
         spread = np.maximum.accumulate(np.maximum(spread, 1e-3), axis=0)
-        if problem.bounded:  # an outlier tells no more of the others' noise than it weighs
-            within = raw / beyond_usual(raw / usual / spread[fast].T)
     roots = np.empty((everywhere.size, B, B))
     for some in np.unique(problem.shown, axis=1).T:
         here = (some == problem.shown.T).all(axis=1)

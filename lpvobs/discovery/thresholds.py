@@ -103,9 +103,6 @@ OUTLIER = 4.0
 """[1] Standard deviations beyond which an instant weighs as if it stood there. Set by a healthy drive whose exhaust ran backwards
 through the EGR valve for a moment, where the balances are off by forty: one instant named a curve of that valve; half of it turns
 a verdict of run 10."""
-ROUNDS = 10
-"""[1] Times that outliers are cut at OUTLIER before the noise is taken from what is left. Set by a turbo balance that left 70
-g/s for moments and 0.05 g/s elsewhere: its noise fell by half in every round, and stood still after six."""
 MOST_STRETCHED = 3.0
 """[1] Largest factor on the scale of an outlier. Set by choice: a second fault must not pass for an outlier; half or twice of it
 turns a verdict of run 10."""

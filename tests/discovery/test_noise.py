@@ -128,14 +128,8 @@ def test_a_moment_that_no_healthy_drive_showed_weighs_as_if_it_were_four_deviati
     raw = 1e-3 * np.random.default_rng(9).standard_normal(problem.shown.shape)
     k = int(np.flatnonzero(problem.used)[100])
     raw[0, k] = 0.1
-    without = raw.copy()
-    without[0, k] = 0.0
     far, near = (np.abs(noise_of(each, nodes, raw).whiten(raw)) for each in (problem, beside))
-    calm = np.abs(noise_of(problem, nodes, without).whiten(without))
     assert far[0, k] > 2.0 * OUTLIER
     assert near[0, k] == pytest.approx(OUTLIER)
-    # The others have nearly the noise that they would have without it: cut at four deviations it counts as sixteen of them.
-    others = problem.used & (np.arange(raw.shape[1]) != k)
-    fell = [float((each[0, others] / calm[0, others]).min()) for each in (near, far)]
-    assert fell[0] > 0.9
-    assert fell[1] < 0.5
+    usual = far.max(0) <= OUTLIER
+    np.testing.assert_array_equal(near[:, usual], far[:, usual])  # weights that follow the noise would bias it
