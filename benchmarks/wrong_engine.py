@@ -129,6 +129,15 @@ def with_(log: Channels, **channels: Array) -> Channels:
     return {**log, **channels}
 
 
+def _late(x: Array, seconds: float) -> Array:
+    return x[np.maximum(np.arange(x.size) - round(seconds * RATE), 0)]
+
+
+def _held(x: Array, seconds: float) -> Array:
+    samples = round(seconds * RATE)
+    return x[np.arange(x.size) // samples * samples]
+
+
 LOGS: Mapping[str, Callable[[Channels], Channels]] = {
     "p_im and p_em exchanged": exchanged("p_im", "p_em"),
     "T_im and T_amb exchanged": exchanged("T_im", "T_amb"),
@@ -143,6 +152,8 @@ LOGS: Mapping[str, Callable[[Channels], Channels]] = {
     "all pressures in kPa, called Pa": lambda log: with_(log, **{p: log[p] / 1e3 for p in ("p_im", "p_em", "p_amb")}),
     "W_maf in g/s, called kg/h": lambda log: with_(log, W_maf=log["W_maf"] / 3.6),
     "W_maf in kg/h, called g/s": lambda log: with_(log, W_maf=log["W_maf"] * 3.6),
+    "W_maf one second late": lambda log: with_(log, W_maf=_late(log["W_maf"], 1.0)),
+    "W_maf held for two seconds": lambda log: with_(log, W_maf=_held(log["W_maf"], 2.0)),
     "sensor unplugged, at zero": lambda log: with_(log, W_maf=0.0 * log["W_maf"]),
     "sensor unplugged, at 0.11 kg/s": lambda log: with_(log, W_maf=0.0 * log["W_maf"] + 0.11),
 }

@@ -32,6 +32,8 @@ LEFT_OUT = 0.02
 DISAGREE = 2.5
 """Ratio from which on balances disagree. 50 right drives with constants within 1 % had 1.83 at most (`make wrong`); on three a
 displacement off by 20 % had 3.4 at least, exchanged channels 3.6."""
+SECOND = 5  # blocks
+STILL = 0.05  # rms change of the flow in a second, over its mean, below which noise may be all of it
 MENDED = 0.5
 """Share of the root mean square of the difference that is left, at most, where a mistake is put right. On 24 right drives each
 mistake of a diesel made it 2.8 times larger at least; with constants off by 20 % none left less than 0.6 of it."""
@@ -54,6 +56,16 @@ class BalanceSums(Additive):
     slope: Array
     visits: Array  # (cells, D, 3) over visits, of s and n, the sums of difference and blocks: s^2, s n, n^2
     broken: Array  # (checks,) blocks in which the check is broken
+    # (4,) of changes within a second: their number; squares of those of the reading, of those of the balances' flow, and
+    # products of both [kg^2/s^2]
+    changes: Array
+
+    def follows(self) -> float:
+        """Return the correlation of what reading and flow change by within a second; NaN where the flow hardly does."""
+        count, reading, flow, both = self.changes.tolist()
+        if not flow > count * (STILL * float(self.reading.sum() / self.blocks.sum())) ** 2:
+            return nan
+        return both / float(np.sqrt(reading * flow)) if reading > 0.0 else 0.0
 
     def mended_by(self) -> int | None:
         """Return which mistake, put right, makes balances agree far better; None where none does."""
@@ -176,7 +188,15 @@ def sums_of(means: Channels, engine: Judged, grid: Grid, suspects: Suspects) -> 
         slope=by_cell(cell, np.moveaxis(slope, -1, 0)),
         visits=by_cell(cell[entered], np.stack([s * s, s * n, n * n], axis=2)),
         broken=np.array([float(np.count_nonzero(check.broken(means))) for check in suspects.checks]),
+        changes=_changes(means["time"], means[air_path.sensor], flow[:2].mean(axis=0)),
     )
+
+
+def _changes(time: Array, reading: Array, flow: Array) -> Array:
+    """Return number, squares and products of the changes within a second, shape (4,), where none of them is across a gap."""
+    within = (time[SECOND:] - time[:-SECOND] < (SECOND + 1) * BLOCK) & np.isfinite(flow[SECOND:] - flow[:-SECOND])
+    r, w = ((x[SECOND:] - x[:-SECOND])[within] for x in (reading, flow))
+    return np.array([r.size, np.sum(r * r), np.sum(w * w), np.sum(r * w)])
 
 
 def _balances(engine: Judged, means: Channels, slopes: bool = True) -> tuple[Array, Array]:

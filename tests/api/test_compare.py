@@ -64,6 +64,7 @@ def test_a_node_that_has_changed_is_found_with_its_size(tmp_path):
     assert found.largest_change == abs(node.change)
 
 
+@pytest.mark.slow
 def test_the_figure_frames_what_has_changed_and_shows_every_node(tmp_path):
     change = np.zeros(SHAPE)
     change[2, 3] = 1e-3

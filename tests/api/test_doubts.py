@@ -1,10 +1,10 @@
-"""What speaks against a log: a sensor whose unit is another, a volume that transients do not know."""
+"""What speaks against a log: a sensor of another unit or another time, a volume that transients do not know."""
 
 import numpy as np
 import pytest
 from repository import DIESEL
 
-from lpvobs.api.doubts import OFF, READS, SURE, _another_volume, _said
+from lpvobs.api.doubts import FOLLOWS, OFF, READS, SURE, _another_volume, _said
 from lpvobs.engines.unknowns import Unknowns
 from lpvobs.io.configuration.config import load_config
 from lpvobs.observer.balance_agreement import BalanceAgreement, BalanceSums
@@ -13,11 +13,12 @@ from lpvobs.observer.estimate import EngineFound
 NAMES = ("V_im", "R_c")
 
 
-def sums(reads):
-    """Return sums of four cells in which the sensor reads so many times the flow of the balances."""
+def sums(reads, changes=(0.0, 0.0, 0.0, 0.0)):
+    """Return sums of four cells in which the sensor reads so many times the flow of the balances, and the changes in a second."""
     one = np.ones((4, 1))
     W, still, cell = reads * 0.03 * one[:, 0], np.ones((4, 1, 3)), one[:, 0]
-    return BalanceSums(cell, W, one, 0.03 * one, 0 * one, np.ones((1, 5)), one[:, :, None], still, np.zeros(2))
+    own = np.zeros(2), np.array(changes)
+    return BalanceSums(cell, W, one, 0.03 * one, 0 * one, np.ones((1, 5)), one[:, :, None], still, *own)
 
 
 @pytest.mark.parametrize(
@@ -29,6 +30,21 @@ def test_a_sensor_in_another_unit_is_named(reads, said):
     assert bool(words) == said
     assert all("W_maf" in text and "unit" in text for text in words)
     assert READS < 0.53
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ((9.0, 9e-4, 9e-4, 9e-4 * 0.83), None),  # 10 g/s in a second on 30 g/s, the least of right drives
+        ((9.0, 9e-4, 9e-4, 9e-4 * 0.44), "0.44"),
+        ((9.0, 0.0, 9e-4, 0.0), "0.00"),  # a reading that stands still
+        ((9.0, 9e-6, 9e-6, 0.0), None),  # steady driving, where noise is all that changes
+    ],
+)
+def test_a_reading_that_does_not_follow_the_engine_is_said(changes, said):
+    words = list(_said(load_config(DIESEL)[0], sums(1.0, changes), BalanceAgreement(ratio=0.5, where={})))
+    assert [said in text and "late" in text for text in words] == ([True] if said else [])
+    assert FOLLOWS < 0.83
 
 
 def found(moved, left, name="V_im"):

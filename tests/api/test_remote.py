@@ -91,6 +91,7 @@ def test_a_log_is_known_by_its_content_wherever_it_lies(memory, logs):
     assert log_digest(RemotePath(f"{memory}/a/2025-02.parquet")) != before
 
 
+@pytest.mark.slow
 def test_nothing_is_read_but_the_columns_that_are_needed(s3, logs, monkeypatch, config):
     import s3fs
 

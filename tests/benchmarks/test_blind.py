@@ -29,6 +29,7 @@ def test_one_log_of_every_kind_is_judged_rightly(tmp_path):
     assert "unlogged" in (tmp_path / "1" / "diesel" / "truth.json").read_text()
 
 
+@pytest.mark.slow
 def test_without_recordings_the_throttled_drives_are_left_out_and_said_to_be(tmp_path):
     done = run("--engine", "throttled", "--folder", tmp_path, LPVOBS_MEASURED_DIR="")
     assert done.returncode == 0, done.stderr

@@ -140,6 +140,7 @@ def test_nothing_runs_off_a_screen(opened, width):
     assert complaints == []
 
 
+@pytest.mark.slow
 def test_the_page_of_an_engine_fits_screens_and_paper(opened, lpvobs, other_engine, tmp_path):
     shown = tmp_path / "engine.html"
     assert lpvobs("report", other_engine.known, "--html", shown).code == 0

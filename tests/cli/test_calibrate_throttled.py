@@ -42,6 +42,7 @@ def engine(lpvobs, folder):
     return folder / "engine.h5"
 
 
+@pytest.mark.slow
 def test_a_map_made_with_the_engine_is_the_change_since(lpvobs, engine, folder):
     today = written(folder / "today.parquet", 300.0, 3, gain=1.1)
     done = lpvobs("estimate", "--config", LIU_ICE, "--engine", engine, today, "--out", folder / "map.h5", "--json")
@@ -58,6 +59,7 @@ def test_a_map_made_with_the_engine_is_the_change_since(lpvobs, engine, folder):
     assert abs(np.nanmedian(maps[1])) < 0.2 * np.nanmedian(maps[0])
 
 
+@pytest.mark.slow
 def test_a_report_shows_its_curves(lpvobs, engine, folder):
     done = lpvobs("report", engine, "--html", folder / "engine.html", "--json")
     assert done.code == 0, done.err

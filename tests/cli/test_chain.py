@@ -30,6 +30,7 @@ def test_xarray_finds_a_unit_and_a_name_on_everything(chain, engine, group):
             assert item.attrs["long_name"], name
 
 
+@pytest.mark.slow
 def test_estimate_makes_its_own_gain_when_none_is_given(lpvobs, config, chain, tmp_path):
     done = lpvobs("estimate", "--config", config, chain.log, "--out", tmp_path / "r.h5", "--json")
     assert done.code == 0, done.err

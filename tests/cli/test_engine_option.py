@@ -49,6 +49,7 @@ def test_a_file_beside_the_configuration_is_the_option(lpvobs, other_engine, cha
     assert (missing.code, "none.h5" in missing.err) == (3, True)
 
 
+@pytest.mark.slow
 def test_the_plant_has_the_constants_of_the_calibration(other_engine, configured):
     deviation = read_engine(other_engine.known, load_config(DIESEL)[0].engine_path()).deviation
     for config, engine in ((DIESEL, other_engine.known), (configured, None)):
@@ -62,6 +63,7 @@ def stored(result):
     return read_result(result)
 
 
+@pytest.mark.slow
 def test_a_map_that_stands_is_judged_with_the_engine_that_it_was_estimated_with(stored):
     engine = known_engine(stored)
     model = engine.residual_model()
@@ -79,6 +81,7 @@ def test_a_map_that_stands_is_judged_with_the_engine_that_it_was_estimated_with(
     assert start.total({})["R_c"] == pytest.approx(constants["R_c"])
 
 
+@pytest.mark.slow
 def test_a_map_that_is_made_anew_starts_with_the_calibration(stored):
     engine = known_engine(stored)
     model = engine.residual_model()

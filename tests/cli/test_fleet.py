@@ -71,6 +71,7 @@ def test_a_bad_log_among_many_is_named_and_the_rest_go_on(with_a_bad_one, togeth
         np.testing.assert_array_equal(file["map/delta_W_c"], whole["map/delta_W_c"])
 
 
+@pytest.mark.slow
 def test_a_log_that_was_left_out_is_in_every_artefact(lpvobs, with_a_bad_one, tmp_path):
     out, bad, _ = with_a_bad_one
     page, suite = tmp_path / "r.html", tmp_path / "gates.xml"

@@ -42,6 +42,7 @@ def test_inspect_shows_what_ingest_did(lpvobs, recording, tmp_path):
     assert content["ingest"]["channels"]["p_im"]["rate"] == pytest.approx(10.0)
 
 
+@pytest.mark.slow
 def test_same_recording_same_bytes(lpvobs, recording, tmp_path):
     path, profile = recording
     for name in ("a.parquet", "b.parquet"):
@@ -49,6 +50,7 @@ def test_same_recording_same_bytes(lpvobs, recording, tmp_path):
     assert (tmp_path / "a.parquet").read_bytes() == (tmp_path / "b.parquet").read_bytes()
 
 
+@pytest.mark.slow
 def test_a_draft_is_written_and_read_back(lpvobs, recording, tmp_path):
     path, _ = recording
     draft, out = tmp_path / "draft.toml", tmp_path / "drive.parquet"
@@ -139,6 +141,7 @@ def travelled(lpvobs, config, chain, table, tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_mdf_to_dcm_loses_nothing_but_the_stated_rounding(chain, travelled):
     with h5py.File(chain.result) as direct, h5py.File(travelled / "result.h5") as found:
         # Units there and back, and sums over 10000 samples in between: a thousand times the rounding of a float is plenty.
@@ -152,6 +155,7 @@ def test_mdf_to_dcm_loses_nothing_but_the_stated_rounding(chain, travelled):
     np.testing.assert_allclose(values, filled.T, rtol=0.5e-8)
 
 
+@pytest.mark.slow
 def test_the_ingest_record_stands_on_the_page(lpvobs, travelled, tmp_path):
     page = tmp_path / "page.html"
     done = lpvobs("report", travelled / "result.h5", travelled / "ftp75_cold.parquet", "--html", page)

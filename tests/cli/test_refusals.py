@@ -88,6 +88,7 @@ def test_usage(lpvobs, config, chain, tmp_path):
     assert not out.exists()
 
 
+@pytest.mark.slow
 def test_gaps_and_missing_samples_are_counted(lpvobs, config, chain, table, tmp_path):
     log, out = tmp_path / "holes.parquet", tmp_path / "r.h5"
     values = table["p_im"].to_numpy().copy()

@@ -106,6 +106,7 @@ def test_a_log_that_made_none_of_the_results(lpvobs, chain, tmp_path):
 
 
 @pytest.mark.parametrize(("name", "value"), [("MPLBACKEND", "nonsense"), ("SOURCE_DATE_EPOCH", "abc")])
+@pytest.mark.slow
 def test_an_environment_that_a_library_cannot_read_is_one_line(chain, tmp_path, name, value):
     """The libraries are loaded afresh: it is then that they read it."""
     call = [*AFRESH, "report", str(chain.result), "--html", str(tmp_path / "report.html")]

@@ -208,6 +208,7 @@ def test_a_pattern_with_a_field_twice_is_refused(fleet, track, tmp_path):
     assert (done.code, "a field appears twice" in done.err) == (2, True)
 
 
+@pytest.mark.slow
 def test_two_periods_of_a_vehicle_are_compared(whole, lpvobs, tmp_path):
     def compare(vehicle, *more, periods=("2025-01", "2025-04")):
         named = (each for period in periods for each in ("--period", period))

@@ -35,6 +35,7 @@ def test_nothing_is_said_of_a_right_engine(chain):
         assert file["balance_agreement"].attrs["doubts"] == ""
 
 
+@pytest.mark.slow
 def test_exchanged_channels_are_named_and_a_gate_can_ask(estimated, lpvobs, table, tmp_path):
     done = estimated(u_egr=table["u_vgt"].to_numpy(), u_vgt=table["u_egr"].to_numpy())
     assert done.code == 0, done.err
@@ -46,6 +47,7 @@ def test_exchanged_channels_are_named_and_a_gate_can_ask(estimated, lpvobs, tabl
     assert "balance_ratio" in gate.err
 
 
+@pytest.mark.slow
 def test_an_order_that_no_engine_has_is_said(estimated, table):
     done = estimated(p_im=table["p_em"].to_numpy(), p_em=table["p_im"].to_numpy())
     doubts = done.json["doubts"] if done.code == 0 else [done.err]
@@ -55,6 +57,7 @@ def test_an_order_that_no_engine_has_is_said(estimated, table):
 @pytest.mark.parametrize(
     ("factor", "why"), [pytest.param(3.6, "the sensor's unit", marks=pytest.mark.proof), (1e-3, "unplugged")]
 )
+@pytest.mark.slow
 def test_a_map_larger_than_a_sensor_can_be_wrong_is_refused(estimated, table, tmp_path, factor, why):
     reading = table["W_maf"].to_numpy()
     done = estimated(W_maf=factor * reading + (0.002 if factor < 1 else 0.0))

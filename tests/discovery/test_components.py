@@ -49,6 +49,7 @@ def test_cylinders_that_take_more_around_a_speed_are_a_curve(found):
     assert found.trace.error.ratio_ci90[1] < 1.0
 
 
+@pytest.mark.slow
 def test_the_curve_is_that_of_the_engine(found, clean):
     (finding,) = found.trace.findings
     own = finding.surface
@@ -79,12 +80,14 @@ def test_a_curve_that_begins_is_dated(plant, config, clean):
     assert finding.parameters["amplitude"].value == pytest.approx(BUMP, rel=0.25)  # the requirement of its curve
 
 
+@pytest.mark.slow
 def test_words_say_how_much_and_where(found):
     said = in_words(found.trace.as_json(refined=True)["effects"])
     assert said.startswith("eta_vol is 5")
     assert "around n_e = 2" in said
 
 
+@pytest.mark.slow
 def test_the_report_draws_the_curve_with_its_band(found):
     (effect,) = found.trace.as_json(refined=True)["effects"]
     drawn = component_curve("curve", "the curve", effect["surface"])
@@ -92,6 +95,7 @@ def test_the_report_draws_the_curve_with_its_band(found):
     assert "deviation from the model" in drawn
 
 
+@pytest.mark.slow
 def test_the_stored_effect_is_the_found_one(found, wrong, clean):
     """A term made from what is stored corrects the signals as the accepted one does."""
     (known,), problem = found.known_effects, found.after.problem

@@ -40,6 +40,7 @@ def test_the_course_is_named_with_the_size_of_the_whole(case):
     assert finding.parameters["factor"].value == pytest.approx(1.0 + GAIN, abs=0.15 * GAIN)
 
 
+@pytest.mark.slow
 def test_the_share_is_that_of_the_truth(case):
     truth, _, log, found = case
     (known,) = found.known_effects

@@ -43,6 +43,7 @@ def fitted(plant, config):
 
 
 @pytest.mark.parametrize(("pause", "goes"), [(0.0, False), (15.0, True), (40.0, True)])
+@pytest.mark.slow
 def test_a_pause_inside_an_interval_is_seen(fitted, clean, misread, pause, goes):
     t = clean.time
     on = (t > 80.0) & (t < 260.0) & ~((t > 170.0) & (t < 170.0 + pause))

@@ -74,6 +74,7 @@ def healthy(plant, config, prior, other):
 
 
 @pytest.mark.parametrize("channel", ["p_em", "n_e"])
+@pytest.mark.slow
 def test_the_function_goes_along_with_a_corrected_channel(healthy, plant, config, prior, other, channel):
     """A healthy engine leaves what it leaves at the true signals, which an effect gives, not at those recorded."""
     laid = lay_out(plant, config.grid(), prior, [other(2)])
@@ -193,6 +194,7 @@ def test_what_a_fault_explains_is_no_noise_beside_it(healthy, plant, config, pri
     assert quiet < quiet_before + 1.0
 
 
+@pytest.mark.slow
 def test_nothing_is_learned_or_judged_where_the_map_was_not_estimated(plant, config, prior, other, clean):
     """What is left there has the sensor's own error in it, grams per second, which once passed for the engine's."""
     grid = config.grid()
@@ -257,6 +259,7 @@ def test_what_changes_along_healthy_drives_is_no_step(plant, config, prior, clea
     assert steps[0].told < steps[1].told
 
 
+@pytest.mark.slow
 def test_a_single_healthy_drive_is_two(plant, config, prior, clean):
     """Judged by itself it seemed to have nothing, and of a clean drive after it every fourth was called faulty."""
     share = np.where(clean.time > clean.time.mean(), 1.01, 0.99)

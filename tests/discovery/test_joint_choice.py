@@ -15,6 +15,7 @@ from lpvobs.discovery.residual import Term
 ONSET = 141.0
 
 
+@pytest.mark.slow
 def test_a_course_that_only_seems_to_gain_more_than_a_large_fault_does_not_take_its_place(
     laid_out, plant, clean, monkeypatch
 ):

@@ -119,6 +119,7 @@ def test_an_effect_learned_on_one_cycle_lowers_the_error_on_another(learned):
     assert shown["error_on_held_out_logs"]["ratio"] == unseen.ratio
 
 
+@pytest.mark.slow
 def test_a_refined_model_has_nothing_to_add_and_estimates_what_it_has_again(learned, plant, config):
     found, slow, _ = learned
     again = refine(

@@ -87,6 +87,7 @@ def test_an_absent_effect_is_fitted_as_absent(linear):
     assert abs(lost) < 2.0  # nats; chance gives half a one, and steps end within one
 
 
+@pytest.mark.slow
 def test_a_size_at_the_end_of_its_range_stays_there_while_the_rest_is_fitted(laid_out, clean, plant):
     """Once the others took a step that was right for a size beyond the end, and the fit ended far from any optimum."""
     # With a pressure that is off by 4 % the steps do not reach the optimum from so far away.

@@ -48,6 +48,7 @@ def estimated(refined, log, config, settings, deviation=()):
     return of_parts(config.grid(), [part], at)
 
 
+@pytest.mark.slow
 def test_without_effects_it_is_the_observer_of_before(model, clean, config, settings, healthy):
     again = estimated(model(), clean, config, settings, healthy.engine.point)
     # The same windows of the same samples; a log read in stretches rounds some sums otherwise.
@@ -100,6 +101,7 @@ def slowed(flow, time, tau):
     return out
 
 
+@pytest.mark.slow
 def test_behind_a_slow_sensor_the_state_tells_of_the_flow(model, clean, misread):
     plain = observed(model(), clean)
     flow, time, tau = clean["W_maf"] - plain.z[0], clean.time, 0.08

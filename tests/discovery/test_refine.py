@@ -130,6 +130,7 @@ def test_against_a_nominal_map_a_constant_gain_is_an_effect(nominal, clean, misr
     assert found.terms[0].size == pytest.approx(1.08, abs=0.02)
 
 
+@pytest.mark.slow
 def test_what_may_differ_from_day_to_day_is_no_fault(nominal, clean, misread, config):
     day = DayToDay({"maf.gain": 0.03})
     model = diesel_model(config.engine, config.estimate.tolerance, day)

@@ -234,6 +234,7 @@ def test_missing_channels_leave_the_other_balances_and_are_told(judge, another_d
     assert lost not in [item.balance for item in part.balances]
 
 
+@pytest.mark.slow
 def test_json_holds_the_contract_and_the_balances(misread, in_order):
     shown = misread("p_im.gain").as_json(refined=True)
     assert shown["verdict"] == "effect"

@@ -76,6 +76,7 @@ def test_parquet(tmp_path):
     check(made(path))
 
 
+@pytest.mark.slow
 def test_mat_5_with_two_time_bases(tmp_path):
     path = tmp_path / "drive.mat"
     savemat(
@@ -85,6 +86,7 @@ def test_mat_5_with_two_time_bases(tmp_path):
     check(made(path, 'source_unit = "rad/s"', 'source_unit = "degC"', 'time = "t_slow"'))
 
 
+@pytest.mark.slow
 def test_mat_5_with_structures_that_hold_units(tmp_path):
     path = tmp_path / "drive.mat"
     savemat(
@@ -143,6 +145,7 @@ def test_mdf_names_that_several_groups_have(tmp_path):
     check(ingest([path], profile_of(text.replace('"n"', '"0:n"'), tmp_path / "p.toml")))
 
 
+@pytest.mark.slow
 def test_what_the_library_says_of_a_file_is_a_note_and_not_on_stderr(tmp_path, capfd):
     path = mdf(tmp_path / "drive.mf4", [(FAST, [("n", SPEED, "rad/s")]), (SLOW, [("T", CELSIUS, "degC")])])
     content = path.read_bytes()
@@ -167,6 +170,7 @@ def test_mdf_without_its_library_says_what_to_install(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("kind", ["mat", "mat73", "parquet", "mdf"])
+@pytest.mark.slow
 def test_damaged_files_are_one_line(tmp_path, kind):
     path = tmp_path / "drive.bin"
     if kind == "mat":
@@ -186,6 +190,7 @@ def test_damaged_files_are_one_line(tmp_path, kind):
 
 
 @pytest.mark.parametrize("kind", ["csv", "mat", "mat73", "parquet"])
+@pytest.mark.slow
 def test_the_size_is_looked_at_before_memory_is_taken(tmp_path, monkeypatch, kind):
     path = tmp_path / "drive.bin"
     zeros = np.zeros(2_000_000)

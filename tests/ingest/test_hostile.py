@@ -189,6 +189,7 @@ def secret(tmp_path, monkeypatch):
         text(file, "unit", np.frombuffer(b"secret", np.uint8))
 
 
+@pytest.mark.slow
 def test_links_to_other_files_are_not_followed(tmp_path, secret):
     def linked(file):
         file["g/v"], file["q.p"] = T, T
@@ -213,6 +214,7 @@ UNITS = (
 )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_unit_that_is_none(tmp_path):
     def odd(file):
         for number, values in enumerate(UNITS):
@@ -225,6 +227,7 @@ def test_a_unit_that_is_none(tmp_path):
     assert draft_profile(path).encode("utf-8")
 
 
+@pytest.mark.slow
 def test_things_that_are_no_vectors_of_numbers(tmp_path):
     def odd(file):
         file["empty"], file["long"] = h5py.Empty("f8"), T.astype(np.longdouble)
@@ -240,6 +243,7 @@ def test_things_that_are_no_vectors_of_numbers(tmp_path):
     assert made(path).channels["time"].size == 100
 
 
+@pytest.mark.slow
 def test_no_file_of_a_stranger_is_opened_by_the_program_itself(tmp_path, monkeypatch):
     """Anybody can compute a checksum, so what lies under a seal is read apart, as without."""
     from lpvobs.io.safety.seal import sealed
@@ -286,6 +290,7 @@ def test_a_formula_that_is_no_arithmetic(formula):
     expect_arithmetic("(X1*2.5e-3 + .5)/sqrt(X1**2) - 1.", "p")
 
 
+@pytest.mark.slow
 def test_a_reader_that_comes_to_no_end_is_stopped(mdf, monkeypatch):
     monkeypatch.setattr(formats, "SECONDS", 1)  # of computing; powers of powers would take longer than the universe
     with pytest.raises(DataError, match="takes too long"):

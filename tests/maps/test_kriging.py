@@ -126,6 +126,7 @@ def test_the_map_may_be_in_any_unit():
     np.testing.assert_allclose(other.map_standard_error, 1e3 * one.map_standard_error, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_coverage_over_surfaces_drawn_from_a_process_of_its_kind():
     rng = np.random.default_rng(5)
     away = [(PLACE[:, None, i] - PLACE[:, i]) / length for i, length in ((0, 0.5), (1, 0.9))]

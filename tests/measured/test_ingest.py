@@ -14,6 +14,7 @@ LIU = ("wltp_NF", "wltp_f_waf_110", "wltp_f_pim_080", "wltp_f_pic_090", "wltp_f_
 
 
 @pytest.mark.parametrize("name", LIU)
+@pytest.mark.slow
 def test_liu_ice_is_renamed_and_nothing_else_but_the_speed_changes(measured, tmp_path, name):
     source, out = measured / "liu-ice" / f"{name}.csv", tmp_path / f"{name}.parquet"
     record = ingest_log([source], "liu-ice", out)
@@ -64,6 +65,7 @@ def slowly(source):
 
 
 @pytest.mark.parametrize("name", KIT)
+@pytest.mark.slow
 def test_kit_obd(measured, tmp_path, name):
     source, out = measured / "kit-obd" / f"{name}.csv", tmp_path / f"{name}.parquet"
     record = ingest_log([source], "kit-obd", out)

@@ -27,7 +27,16 @@ def sums(difference, visits=None, slope=0.0, flow=0.05, n=20.0, power=((1.0,),))
     mean = np.full((6, 1), difference) if np.isscalar(difference) else difference
     slopes = np.full((6, 1, 1), n * slope)
     return BalanceSums(
-        one[:, 0], 0.05 * one[:, 0], one, flow * one, n * mean, np.array(power), slopes, visits, np.zeros(0)
+        one[:, 0],
+        0.05 * one[:, 0],
+        one,
+        flow * one,
+        n * mean,
+        np.array(power),
+        slopes,
+        visits,
+        np.zeros(0),
+        np.zeros(4),
     )
 
 
@@ -85,6 +94,7 @@ def test_sums_of_two_logs_are_those_of_both():
     np.testing.assert_array_equal((one + one).blocks, 2.0 * one.blocks)
 
 
+@pytest.mark.slow
 def test_a_recording_is_passed_on_as_it_is(air_path, drive):
     log = drive[0]
     watched = Watched(log, Judged(air_path, unknowns_of({"R_c": 0.01}, ())), GRID, SUSPECTS)
@@ -132,6 +142,21 @@ def test_how_a_log_is_cut_changes_no_bit(air_path, drive, monkeypatch):
 def test_a_block_does_not_reach_across_a_gap(air_path, drive):
     cut, whole = sums_along(Cut(drive[0], (), begins=[7]), air_path), sums_along(drive[0], air_path)
     assert cut.blocks.sum() == whole.blocks.sum() + 1
+
+
+def test_a_reading_that_is_late_or_held_does_not_follow_the_flow(air_path, drive):
+    log = drive[0]
+    reading, rate = log["W_maf"], round(1.0 / float(np.median(np.diff(log.time))))
+
+    def follows(W_maf):
+        return sums_along(replace(log, channels={**log.channels, "W_maf": W_maf}), air_path).follows()
+
+    held = reading[np.arange(reading.size) // (2 * rate) * 2 * rate]
+    assert follows(reading) > 0.8  # of fuel that jumps every few seconds, so that the error of the map jumps, too
+    assert follows(0.7 * reading) == pytest.approx(follows(reading))  # a gain is no delay
+    assert follows(np.roll(reading, rate)) < 0.5
+    assert follows(held) < 0.5
+    assert abs(follows(np.full(reading.size, 0.03))) < 0.05
 
 
 @pytest.fixture(scope="module")

@@ -50,6 +50,7 @@ def test_a_sensor_that_has_drifted_stands_out_alone(air_path, grid, gain, settin
     assert 2e-4 < abs(drifted.mean_difference) < 2e-3
 
 
+@pytest.mark.slow
 def test_a_log_that_went_elsewhere_has_nothing_to_compare(air_path, grid, gain, settings, fleet):
     scatter, (only,) = judged(air_path, grid, gain, settings, fleet[:1])
     assert only.nodes == 0

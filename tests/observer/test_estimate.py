@@ -162,6 +162,7 @@ def test_logs_add_up_in_any_order(air_path, grid, gain, drive, other_drive, sett
     np.testing.assert_allclose(forward.theta[forward.supported], theta[forward.supported], rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_second_drive_supports_more_and_narrows(air_path, grid, gain, drive, other_drive, settings):
     known = exactly_known(air_path, settings)
     logs = noisy(drive[0], 5), noisy(other_drive[0], 6)
@@ -269,6 +270,7 @@ def test_what_a_run_says_of_its_log(exact, air_path, drive):
     assert exact.method == "observer"
 
 
+@pytest.mark.slow
 def test_when_the_log_began_does_not_matter(air_path, grid, gain, drive, settings, exact):
     later = replace(drive[0], time=drive[0].time + 2.0**17)
     found = estimate_default(air_path, grid, gain, [later], settings)
@@ -276,6 +278,7 @@ def test_when_the_log_began_does_not_matter(air_path, grid, gain, drive, setting
     assert np.abs((found.theta - exact.theta)[exact.supported]).max() < 1e-3 * GRAM
 
 
+@pytest.mark.slow
 def test_auxiliary_channels_change_nothing(air_path, grid, gain, drive, settings, exact):
     rich = replace(drive[0], auxiliary={"humidity": np.full(len(drive[0]), np.nan), "W_c": drive[1]})
     np.testing.assert_array_equal(estimate_default(air_path, grid, gain, [rich], settings).theta, exact.theta)

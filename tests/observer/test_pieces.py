@@ -82,6 +82,7 @@ def equal(a, b):
 
 
 @pytest.mark.parametrize("cuts", [(1,), (1500,), (1501, 1502, 1503, 1504), tuple(range(2, 8000, 7)), (4095, 4096)])
+@pytest.mark.slow
 def test_chunked_equals_whole_to_the_bit(air_path, grid, gain, settings, short, cuts):
     equal(informed(air_path, grid, gain, short, settings), informed(air_path, grid, gain, Cut(short, cuts), settings))
 

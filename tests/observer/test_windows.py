@@ -198,6 +198,7 @@ def test_a_wrong_engine_that_is_ignored_spoils_the_map():
     assert (np.abs(kept.theta - THETA) < 3.0 * np.sqrt(np.diag(kept.covariance[:P, :P]))).all()
 
 
+@pytest.mark.slow
 def test_noise_on_both_sides_is_taken_out():
     """Slopes and z are made of the same noisy signals, as if the engine were off by one: the noise pulls towards that."""
     beta, pulled = np.array([0.05, -0.05]), {}

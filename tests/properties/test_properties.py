@@ -243,6 +243,7 @@ def test_a_result_is_what_was_written(tmp_path):
     np.testing.assert_equal(asdict(second.gain), asdict(first.gain))
 
 
+@pytest.mark.slow
 def test_a_map_without_covariance_and_constants_is_what_was_written(tmp_path):
     """As the observer leaves it that is published."""
     samples = make(tmp_path)

@@ -57,6 +57,7 @@ def test_a_pipe_in_the_place_of_an_old_map_is_not_waited_for(tmp_path):
 
 
 @pytest.mark.parametrize("name", [LONG, f"folder/{LONG}", "half\0name"])
+@pytest.mark.slow
 def test_a_name_that_no_file_can_have_is_refused_from_python(samples, tmp_path, name):
     out = tmp_path / "out"
     for call in (

@@ -18,6 +18,7 @@ def result(samples, tmp_path):
     return shutil.copyfile(samples.result, tmp_path / "result.h5")
 
 
+@pytest.mark.slow
 def test_what_was_found_is_not_written_into_the_result_that_came_in_between(samples, result, monkeypatch):
     real, newer = extrapolate.krige, b"of another program"
 

@@ -137,6 +137,7 @@ def bomb(file):
 
 
 @pytest.mark.parametrize("spoil", [external, soft, outside, virtual, bomb])
+@pytest.mark.slow
 def test_what_points_elsewhere_or_claims_too_much_is_refused_sealed_or_not(copy, tmp_path, spoil):
     sealed, bare = tmp_path / "sealed.h5", copy("result")
     with changing(bare, sealed) as file:

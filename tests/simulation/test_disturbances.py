@@ -65,6 +65,7 @@ def test_a_switch_is_on_or_off_within_its_time(on_road):
     np.testing.assert_allclose(shown - W, np.where(at_work, 5e-4, 0.0), rtol=1e-9, atol=1e-15)
 
 
+@pytest.mark.slow
 def test_a_switch_has_its_threshold_in_the_middle_unless_given(on_road):
     _, W, shown, c = disturbed(on_road, ChannelEffect("T_charge", "switch", 5e-4))
     assert np.array_equal(shown - W > 2e-4, c > 0.5 * (c.min() + c.max()))
@@ -72,6 +73,7 @@ def test_a_switch_has_its_threshold_in_the_middle_unless_given(on_road):
     assert np.mean(shown - W > 2e-4) == pytest.approx(0.5, abs=0.01)
 
 
+@pytest.mark.slow
 def test_a_disturbance_of_no_size_changes_no_byte(on_road):
     plain = on_road()
     nothing = ChannelEffect("humidity", "gain", 0.0), UnloggedEffect("additive", 0.0, ((10.0, 20.0), (30.0, 40.0)))
@@ -80,6 +82,7 @@ def test_a_disturbance_of_no_size_changes_no_byte(on_road):
         assert np.array_equal(values, log.channels[name]), name
 
 
+@pytest.mark.slow
 def test_a_lag_makes_a_disturbance_slow_too(on_road):
     """Both together end up where the disturbance alone does when nothing else moves; on the way they are slower."""
     switch = ChannelEffect("ac_switch", "switch", 5e-4)
@@ -101,6 +104,7 @@ EPISODES = ((20.0, 40.0), (90.0, 130.0))
 
 
 @pytest.mark.parametrize("form", ["additive", "gain"])
+@pytest.mark.slow
 def test_abrupt_episodes(on_road, form):
     time, W, shown, _ = disturbed(on_road, UnloggedEffect(form, 5e-3, EPISODES))
     inside = ((time >= 20.0) & (time < 40.0)) | ((time >= 90.0) & (time < 130.0))

@@ -74,6 +74,7 @@ def test_closing_narrow_vanes_overshoots_with_the_other_sign(plant, heavy):
     assert W_c.max() < 1e-5  # what the rest has left of its own course
 
 
+@pytest.mark.slow
 def test_plant_and_model_agree_to_rounding(heavy, cycle):
     """Two transcriptions of the same forms; nothing flows backward through this valve."""
     truth = simulate(heavy.engine, heavy.simulation, cycle, rate=20.0).truth

@@ -40,6 +40,7 @@ def test_nothing_moves_at_a_point(config):
             assert f.W_c == pytest.approx(found["W_c"], rel=1e-9)
 
 
+@pytest.mark.slow
 def test_points_fill_the_range(table, config):
     c, full = table.channels, config.simulation.full_load
     assert np.ptp(c["n_e"]) > 0.8 * (4400.0 - full.idle_speed)

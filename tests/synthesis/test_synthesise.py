@@ -17,6 +17,7 @@ WARM = {"T_im": (280.0, 400.0), "T_em": (300.0, 1200.0)}
 
 @pytest.mark.parametrize("column", ["ETC", "FTP75", "NEDC", "hull"])
 @pytest.mark.parametrize("cascade", [False, True])
+@pytest.mark.slow
 def test_the_paper_s_outputs_suffice_at_nominal_temperatures(diesel, column, cascade):
     problem = diesel(column)
     gain = synthesise(problem, cascade=cascade)
@@ -184,6 +185,7 @@ def test_units_do_not_matter_to_the_diesel(diesel):
     np.testing.assert_allclose(back, plain.L, rtol=1e-6)  # as above, small entries relative to themselves
 
 
+@pytest.mark.slow
 def test_every_synthesised_gain_is_certified_as_a_given_one(diesel):
     for column, cascade in (("ETC", True), ("FTP75", False)):
         problem = diesel(column)

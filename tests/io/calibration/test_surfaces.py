@@ -80,6 +80,7 @@ def values_of(found):
 
 @pytest.mark.parametrize("kind", ["KENNFELD", "GRUPPENKENNFELD"])
 @pytest.mark.parametrize("digits", [4, 7, 17])
+@pytest.mark.slow
 def test_an_independent_reader_finds_what_was_exported(result, tmp_path, kind, digits):
     out = tmp_path / "maf.dcm"
     export(result, out, "dcm", name="MAF_dW", kind=kind, digits=digits)
@@ -248,6 +249,7 @@ def test_points_and_means_have_the_covariance_of_all_nodes(result):
         (lambda map_: map_.at([]), "points: expected a list of pairs"),
     ],
 )
+@pytest.mark.slow
 def test_what_a_map_does_not_know_is_refused(result, ask, words):
     with pytest.raises(DataError, match=re.escape(words)):
         ask(read_surface(result, "map"))
@@ -397,6 +399,7 @@ def test_a_label_list_has_the_map_and_what_a_log_needs(driven, tmp_path):
         ("mg/stroke", 1e6 * TRUTH / (4.0 * SPEED[:, None] / 120.0), None),
     ],
 )
+@pytest.mark.slow
 def test_other_units_are_those_of_the_independent_reader(driven, tmp_path, unit, expected, nothing):
     """A share needs the flow: a node without one corrects nothing."""
     done = export(driven, tmp_path / "maf.dcm", "dcm", unit=unit, digits=12, widest=1.0)

@@ -92,6 +92,7 @@ def uneven(engine):
     return part(log, kept)
 
 
+@pytest.mark.slow
 def test_states_and_map_are_those_of_the_package(exported, program, uneven, tmp_path):
     unit, _ = exported
     x, theta = expected(unit, uneven)
@@ -132,6 +133,7 @@ def test_samples_without_a_reading_are_as_if_they_were_not_there(exported, progr
     assert f"{len(hurt) - len(clean)} dropped" in second[3]
 
 
+@pytest.mark.slow
 def test_single_precision_within_what_is_stated(exported, uneven, tmp_path):
     unit, folder = exported
     program = compiled(sorted(folder.glob("*.c")), tmp_path / "bench", "-DLPVOBS_FLOAT")
@@ -245,6 +247,7 @@ def test_an_observer_starts_from_map_and_engine_of_a_result(chain, tmp_path):
     assert unit.air_path.engine_constants()["V_d"] != load_config(CONFIGS / "diesel.toml")[0].engine.geometry.V_d
 
 
+@pytest.mark.slow
 def test_an_observer_of_a_calibrated_engine_starts_at_zero(chain, other_engine, tmp_path):
     done = export_unit(chain.gain, tmp_path / "unit", "c99", engine=other_engine.known)
     unit = unit_of(chain.gain, read_gain(chain.gain), None, True, 100.0, other_engine.known)
@@ -326,6 +329,7 @@ def test_the_unit_for_co_simulation(exported, uneven, chain, tmp_path):
     np.testing.assert_allclose(seen[:, 1:], x[np.searchsorted(log.time, seen[:, 0])], rtol=STATE)
 
 
+@pytest.mark.slow
 def test_an_engine_with_learned_curves(tmp_path):
     config = load_config(CONFIGS / "liu-ice.toml")[0]
     log = throttled_drive.log_of(throttled_drive.noisy(throttled_drive.drive(130.0), 1))

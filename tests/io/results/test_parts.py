@@ -25,7 +25,7 @@ def part(sha256):
     run = LogRun("drive", sha256, 10, np.float64(0.9), defects, np.zeros(7), np.ones(7), float("nan"))
     sums = np.full((2, 2, 3, 3), 0.1), np.full((2, 2), 0.01), np.full(2, 240.0)
     gram = np.full((2, 4, 4), 0.1)
-    shapes = ((2,), (2,), (2, 1), (2, 1), (2, 1), (1, 3), (2, 1, 1), (2, 1, 3), (1,))
+    shapes = ((2,), (2,), (2, 1), (2, 1), (2, 1), (1, 3), (2, 1, 1), (2, 1, 3), (1,), (4,))
     balances = BalanceSums(*(np.full(shape, 0.2) for shape in shapes))
     part = LogInformation(run, np.array([0, 4, 9]), *sums, np.array([3, 5]), gram)
     return StoredPart(part, (np.array([255, 15], dtype=np.uint8),), balances)
