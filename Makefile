@@ -19,13 +19,13 @@ FAULT  := configs/effects/undeclared_leak.toml
 .DELETE_ON_ERROR:
 .SUFFIXES:
 .SECONDARY:
-.PHONY: help setup run test test-slow proofs lint bench blind blind2 thresholds forms wrong as-it-is series fleet-proof unit extrapolation docs defects schemas kill fuzz mutants matrix clean
+.PHONY: help setup run test test-all proofs lint bench blind blind2 thresholds forms wrong as-it-is series fleet-proof unit extrapolation docs defects schemas kill fuzz mutants matrix clean
 
 help:
 	@echo 'make run     the whole chain, ends with $(BUILD)/report.html and a result per cycle'
 	@echo 'make setup   a virtual environment in $(VENV) with all dependencies'
-	@echo 'make test    the tests that take a moment; thirteen minutes of processor, compiling included'
-	@echo 'make test-slow them and the slow ones, which is what CI runs; tests/README.md says which and why'
+	@echo 'make test    the tests that take a moment; four minutes on two processors'
+	@echo 'make test-all them and the slow ones, which is what CI runs; tests/README.md says which and why'
 	@echo 'make proofs  what takes longer than CI has time for, and how each ended; half an hour of one processor'
 	@echo 'make lint    ruff and mypy'
 	@echo 'make blind   the blind bank: effects drawn at random, for both engines, judged by a process that cannot know them; an hour and a half'
@@ -112,7 +112,7 @@ PYTEST := $(VENV)/bin/python -m pytest -n auto --dist loadfile --no-loadscope-re
 test: $(VENV)/.ready
 	$(PYTEST) -m 'not slow and not proof'
 
-test-slow: $(VENV)/.ready
+test-all: $(VENV)/.ready
 	$(PYTEST) -m 'not proof'
 
 proofs: $(VENV)/.ready

@@ -32,13 +32,12 @@ def best_course(linear: Linear, bare: Linear, own: Candidate, rivals: Sequence[E
     courses = list(hystereses(_inputs(bare.problem), thresholds.RELAY_LEVELS))
     relays = courses, np.array([bare.problem.share(course) for course in courses])  # at every place
     bank = _bank(bare.problem)
-    able = [e for e in (own.term.effect, *rivals) if not e.id.endswith(".drift")]
     found: list[Candidate] = []
     # A reading of the flow that comes and goes may be any disturbance: without a cause in the log it has no name.
     if own.term.effect.place != "sensor":
         intervals = _comes_and_goes(linear, len(linear.terms) - 1)
-        found = [fit_course(bare, effect, course) for course in intervals for effect in able]
-    for effect in able:
+        found = [fit_course(bare, own.term.effect, course) for course in intervals]
+    for effect in (e for e in (own.term.effect, *rivals) if not e.id.endswith(".drift")):
         found += [fit_course(bare, effect, course) for course in _promising(bare, effect, bank, relays)]
     best = max(found, key=score, default=own)
     best = finer(bare, best)
