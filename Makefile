@@ -31,7 +31,7 @@ help:
 	@echo 'make blind   the blind bank: effects drawn at random, for both engines, judged by a process that cannot know them; an hour and a half'
 	@echo 'make blind2  the second bank: engines of another structure, effects with other formulas; may be stopped, and goes on; hours for all 360 drives'
 	@echo 'make forms   formulas for what no catalogue has, beside PySINDy (SEED of other drives: DRAWN=...); ten minutes of one processor'
-	@echo 'make wrong   whether wrong engines and mixed-up logs are noticed, case by case; five minutes of one processor'
+	@echo 'make wrong   whether wrong engines and mixed-up logs are noticed, case by case; twenty minutes of one processor'
 	@echo 'make thresholds how near decisions come to the tuned numbers, and what half and twice of each changes; under two hours'
 	@echo 'make bench   the larger proofs: rivals, wrong constants, coverage, speed, scaling; results in benchmarks/results'
 	@echo 'make series  the engine without turbine speed and exhaust pressure beside the full diesel, ten draws, and a bank of its faults; half an hour of one processor'
