@@ -109,9 +109,8 @@ def _said(config: Config, sums: BalanceSums, own: BalanceAgreement) -> Iterable[
         )
     if sums.follows() < FOLLOWS:
         yield (
-            f"{config.kind.air_path.sensor} does not follow the engine: its changes within a second have a correlation of "
-            f"{sums.follows():.2f} with those of the air flow, expected at least {FOLLOWS:g}; check whether the channel is late, "
-            f"held between few samples, or of another recording"
+            f"{config.kind.air_path.sensor} does not follow the engine (correlation {sums.follows():.2f} with the air flow "
+            f"over a second, expected at least {FOLLOWS:g}); check whether the channel is late, held, or of another recording"
         )
     mistake = sums.mended_by()
     if mistake is not None:
