@@ -107,9 +107,9 @@ def _said(config: Config, sums: BalanceSums, own: BalanceAgreement) -> Iterable[
             f"{config.kind.air_path.sensor} reads {reads:.2g} times the air flow that the engine model gives; check its "
             f"unit: g/s labelled kg/h gives a factor of 0.28, kg/h labelled g/s a factor of 3.6"
         )
-    if sums.follows() < FOLLOWS:
+    if (follows := sums.follows()) < FOLLOWS:
         yield (
-            f"{config.kind.air_path.sensor} does not follow the engine (correlation {sums.follows():.2f} with the air flow "
+            f"{config.kind.air_path.sensor} does not follow the engine (correlation {follows:.2f} with the air flow "
             f"over a second, expected at least {FOLLOWS:g}); check whether the channel is late, held, or of another recording"
         )
     mistake = sums.mended_by()

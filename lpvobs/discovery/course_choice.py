@@ -15,7 +15,7 @@ from lpvobs.discovery import thresholds
 from lpvobs.discovery.courses import GRADED, TracedCourse, can_be_graded, hystereses, in_time, lags, near, on_course
 from lpvobs.discovery.curves import channel_candidates
 from lpvobs.discovery.evidence import Candidate, fit_candidate, penalty, score, slope_of, with_best_interval
-from lpvobs.discovery.fit import refit, without
+from lpvobs.discovery.fit import with_term, without
 from lpvobs.discovery.linear import Linear, cancels, residual_with
 from lpvobs.discovery.ranking import least_gain
 from lpvobs.discovery.residual import Problem, Term
@@ -103,15 +103,13 @@ def _comes_and_goes(linear: Linear, index: int) -> Iterator[TracedCourse]:
         if not 1 <= len(intervals) <= thresholds.MOST_SWITCHES:
             return
         episodes = on_places(term.effect, TracedCourse("intermittent", intervals=tuple(intervals)), problem)
-        others = linear.terms[:index], linear.terms[index + 1 :]
-        linear = refit(linear, [*others[0], replace(episodes, size=size), *others[1]])
+        linear = with_term(linear, index, replace(episodes, size=size))
     if len(intervals) > 1:
         yield TracedCourse("intermittent", intervals=tuple(intervals))
-    acting, clock = _switched_on(advantage(linear, index)).astype(int), problem.clock
-    between = np.concatenate([clock[:1], 0.5 * (clock[1:] + clock[:-1]), ends[1:]])
-    edges = between[np.flatnonzero(np.diff(acting, prepend=0, append=0))].reshape(-1, 2)
-    if 1 < len(edges) <= thresholds.MOST_SWITCHES:
-        yield TracedCourse("intermittent", intervals=tuple((float(a), float(b)) for a, b in edges))
+    between = np.concatenate([ends[:1], 0.5 * (problem.clock[1:] + problem.clock[:-1]), ends[1:]])
+    moved = _runs(between, _switched_on(advantage(linear, index)))
+    if 1 < len(moved) <= thresholds.MOST_SWITCHES:
+        yield TracedCourse("intermittent", intervals=tuple(moved))
 
 
 def _with_interval(intervals: Sequence[tuple[float, float]], other: Array, acts: bool) -> list[tuple[float, float]]:
@@ -119,8 +117,13 @@ def _with_interval(intervals: Sequence[tuple[float, float]], other: Array, acts:
     edges = np.unique([*np.ravel(intervals), *other])
     middle = 0.5 * (edges[1:] + edges[:-1])
     on = np.any([(a < middle) & (middle < b) for a, b in intervals], axis=0)
-    on = np.where((other[0] < middle) & (middle < other[1]), acts, on).astype(int)
-    return [(float(a), float(b)) for a, b in edges[np.flatnonzero(np.diff(on, prepend=0, append=0))].reshape(-1, 2)]
+    return _runs(edges, np.where((other[0] < middle) & (middle < other[1]), acts, on))
+
+
+def _runs(edges: Array, on: NDArray[np.bool_]) -> list[tuple[float, float]]:
+    """Return begin and end of every run of places that are on; place k lies between edges k and k + 1."""
+    ends = edges[np.flatnonzero(np.diff(on.astype(int), prepend=0, append=0))]
+    return [(float(a), float(b)) for a, b in ends.reshape(-1, 2)]
 
 
 def finer(bare: Linear, found: Candidate) -> Candidate:

@@ -131,6 +131,11 @@ def refit(linear: Linear, terms: Sequence[Term]) -> Linear:
     return converged(linearised(linear.problem, tuple(terms), *start, near=linear))
 
 
+def with_term(linear: Linear, index: int, term: Term) -> Linear:
+    """Return the model with another term in one place, at its optimum, with the weights of this one."""
+    return refit(linear, [*linear.terms[:index], term, *linear.terms[index + 1 :]])
+
+
 def without(linear: Linear, index: int) -> Linear:
     """Return the model without one of its terms, at its optimum, with the weights of this one."""
     return refit(linear, [*linear.terms[:index], *linear.terms[index + 1 :]])

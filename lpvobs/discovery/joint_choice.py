@@ -13,7 +13,7 @@ from lpvobs.discovery.course_choice import best_course, finer, fit_course, sharp
 from lpvobs.discovery.courses import GRADED, FactorSurface, can_be_graded
 from lpvobs.discovery.curves import surface_again
 from lpvobs.discovery.evidence import Candidate, best_first, fit_candidate, in_place, loss_of, score, with_best_interval
-from lpvobs.discovery.fit import fit, objective, refit, without
+from lpvobs.discovery.fit import fit, objective, refit, with_term, without
 from lpvobs.discovery.form_search import Number, with_inside
 from lpvobs.discovery.forms import PREFIX
 from lpvobs.discovery.known_effects import NINETY
@@ -168,7 +168,7 @@ def finished(
         rivals = rank_in(bare, others, term.begin, term.end)
     beside = []
     for rival in rivals[:SHORTLIST]:  # in place of the effect, all unknowns fitted with it
-        there = refit(linear, [*linear.terms[:index], rival.term, *linear.terms[index + 1 :]])
+        there = with_term(linear, index, rival.term)
         beside.append(_as_fitted(there, bare, rival))
     indistinguishable = tuple(c.id for c in beside if fits_as_well(like, c, problem))
     share = own.gain / max(float(loss_of(bare).sum()), own.gain, 1e-300)

@@ -13,7 +13,7 @@ from lpvobs.discovery import thresholds
 from lpvobs.discovery.course_choice import comes_and_goes, sharpened, timed_again
 from lpvobs.discovery.courses import FactorSurface
 from lpvobs.discovery.evidence import Candidate, dated_again, elsewhere_of, fit_candidate, in_place
-from lpvobs.discovery.fit import fit, objective, refit, standard_errors, without
+from lpvobs.discovery.fit import fit, objective, refit, standard_errors, with_term, without
 from lpvobs.discovery.form_search import beside_forms, best_forms
 from lpvobs.discovery.forms import PREFIX
 from lpvobs.discovery.held_out import Losses, compare, cross_validated, noise_power
@@ -193,7 +193,7 @@ def _with_all(linear: Linear) -> Linear:
 
 def _with_term(linear: Linear, i: int, term: Term) -> Linear:
     """Return the model with another term in one place."""
-    return linear if term == linear.terms[i] else refit(linear, [*linear.terms[:i], term, *linear.terms[i + 1 :]])
+    return linear if term == linear.terms[i] else with_term(linear, i, term)
 
 
 def structure(linear: Linear) -> float:
