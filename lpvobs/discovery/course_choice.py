@@ -3,7 +3,7 @@
 A course is the simplest that the data support, by what it gains less the cost of its parameters.
 """
 
-from collections.abc import Container, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +14,7 @@ from lpvobs.compiled import njit
 from lpvobs.discovery import thresholds
 from lpvobs.discovery.courses import GRADED, TracedCourse, can_be_graded, hystereses, in_time, lags, near, on_course
 from lpvobs.discovery.curves import channel_candidates
-from lpvobs.discovery.evidence import Candidate, fit_candidate, penalty, score, slope_of, with_best_interval
+from lpvobs.discovery.evidence import Candidate, best_first, fit_candidate, penalty, score, slope_of, with_best_interval
 from lpvobs.discovery.fit import with_term, without
 from lpvobs.discovery.linear import Linear, cancels, residual_with
 from lpvobs.discovery.ranking import least_gain
@@ -29,25 +29,55 @@ def best_course(linear: Linear, bare: Linear, own: Candidate, rivals: Sequence[E
     """Return the newest effect of a model, or it or a rival on the course that explains the residual better."""
     # `bare` is the model without it. Where a logged channel explains as much as a course without a cause, it is the
     # channel.
-    courses = list(hystereses(_inputs(bare.problem), thresholds.RELAY_LEVELS))
-    relays = courses, np.array([bare.problem.share(course) for course in courses])  # at every place
-    bank = _bank(bare.problem)
+    relays, graded = _relays(bare.problem), _joined(_in_time(bare.problem), _lagging(bare.problem))
     found: list[Candidate] = []
     # A reading of the flow that comes and goes may be any disturbance: without a cause in the log it has no name.
     if own.term.effect.place != "sensor":
         intervals = _comes_and_goes(linear, len(linear.terms) - 1)
         found = [fit_course(bare, own.term.effect, course) for course in intervals]
-    for effect in (e for e in (own.term.effect, *rivals) if not e.id.endswith(".drift")):
-        found += [fit_course(bare, effect, course) for course in _promising(bare, effect, bank, relays)]
-    best = max(found, key=score, default=own)
-    best = finer(bare, best)
-    if score(best) <= thresholds.ADVANTAGE * max(score(own), 0.0):
-        return own
-    if best.term.only is not None:
+    for effect in _with_courses([own.term.effect, *rivals]):
+        found += [fit_course(bare, effect, course) for course in _promising(bare, effect, graded, relays)]
+    best = own
+    for each in ([c for c in found if _is_same(c, own)], found):
+        leading = max(each, key=score, default=own)
+        leading = finer(bare, leading)
+        best = leading if is_worth(leading, best) else best
+    if best is not own and best.term.only is not None:
         driven = max(channel_candidates(bare), key=score, default=None)
         if driven is not None and score(driven) > score(best):
             return driven
     return best
+
+
+def is_worth(course: Candidate, own: Candidate) -> bool:
+    """Return whether an effect on a course explains enough more than one that has another course, or none.
+
+    Of the same effect, both leave what it is not quite shaped like. Another one must gain a share of all.
+    """
+    if _is_same(course, own):
+        return course.gain - own.gain > penalty(course.changes - own.changes, own.loss.size, 0.0)
+    return score(course) > thresholds.ADVANTAGE * max(score(own), 0.0)
+
+
+def _is_same(one: Candidate, other: Candidate) -> bool:
+    """Return whether two candidates are one effect; a drift is a gain that grows."""
+    return one.id.replace(".drift", ".gain") == other.id.replace(".drift", ".gain")
+
+
+def on_courses(bare: Linear) -> list[Candidate]:
+    """Return every effect on the course over time and the relay of an input that explain most, best first."""
+    # The state of an input that moves slowly is no evidence by itself: what differs from day to day looks like it.
+    relays, graded = _relays(bare.problem), _in_time(bare.problem)
+    return best_first(
+        finer(bare, fit_course(bare, effect, course))
+        for effect in _with_courses(bare.problem.catalogue)
+        for course in _promising(bare, effect, graded, relays)
+    )
+
+
+def _with_courses(effects: Iterable[Effect]) -> list[Effect]:
+    """Return the effects that may be on a course; a drift is one by itself."""
+    return [effect for effect in effects if not effect.id.endswith(".drift")]
 
 
 def timed_again(linear: Linear, index: int) -> Term:
@@ -140,12 +170,12 @@ def finer(bare: Linear, found: Candidate) -> Candidate:
     return found
 
 
-def _promising(bare: Linear, effect: Effect, bank: Bank, relays: Bank) -> list[TracedCourse]:
+def _promising(bare: Linear, effect: Effect, graded: Bank, relays: Bank) -> list[TracedCourse]:
     """Return the courses of an effect that gain most to first order less what they cost, one of each kind at most."""
     slope, problem = slope_of(bare, effect, effect.null), bare.problem
     each = [(_by_place(bare), relays)]
     if can_be_graded(effect):
-        each.append((bare, bank))
+        each.append((bare, graded))
     best: dict[str, tuple[float, TracedCourse]] = {}
     for linear, (courses, shares) in each:
         for course, gain in zip(courses, gains(linear, slope, shares) if courses else (), strict=True):
@@ -161,20 +191,35 @@ def _by_place(linear: Linear) -> Linear:
     return replace(linear, problem=replace(linear.problem, block=place, first=place))
 
 
-def _bank(problem: Problem) -> Bank:
-    """Return courses in time, where there is one log, and those that lag behind an input, with their shares by stretch."""
-    whole = float(problem.clock[-1] - problem.clock[0])
-    count, middle = np.diff(np.append(problem.first, problem.K)), np.append(problem.begins[1:], problem.clock[-1])
+def _relays(problem: Problem) -> Bank:
+    """Return courses that begin and end at values of an input, with their shares at every place."""
+    courses = list(hystereses(_inputs(problem), thresholds.RELAY_LEVELS))
+    return courses, np.array([problem.share(course) for course in courses])
+
+
+def _in_time(problem: Problem) -> Bank:
+    """Return courses over time, where there is one log, with their shares by stretch."""
+    whole, middle = float(problem.clock[-1] - problem.clock[0]), np.append(problem.begins[1:], problem.clock[-1])
     courses: list[TracedCourse] = []
     if problem.of_log[-1] == 0 and problem.first.size >= 3 * thresholds.LEAST_LENGTH:
         courses = list(in_time(problem.begins, thresholds.LEAST_LENGTH, whole * np.array(thresholds.TIME_CONSTANTS)))
-    shares = [c.share(0.5 * (problem.begins + middle), problem.channel, float(problem.clock[-1])) for c in courses]
+    at = 0.5 * (problem.begins + middle)
+    return courses, np.array([c.share(at, problem.channel, float(problem.clock[-1])) for c in courses])
+
+
+def _lagging(problem: Problem) -> Bank:
+    """Return courses that lag behind an input, with their shares by stretch."""
+    whole, count = float(problem.clock[-1] - problem.clock[0]), np.diff(np.append(problem.first, problem.K))
+    courses: list[TracedCourse] = []
     for name in _inputs(problem):
         for tau in whole * np.array(thresholds.TIME_CONSTANTS):
-            found = list(lags(name, problem.state(name, float(tau)), float(tau)))
-            courses += found
-            shares += [np.add.reduceat(problem.share(course), problem.first) / count for course in found]
-    return courses, np.array(shares)
+            courses += lags(name, problem.state(name, float(tau)), float(tau))
+    return courses, np.array([np.add.reduceat(problem.share(c), problem.first) / count for c in courses])
+
+
+def _joined(one: Bank, other: Bank) -> Bank:
+    """Return the courses of both, with shares over the same stretches."""
+    return [*one[0], *other[0]], np.array([*one[1], *other[1]])
 
 
 def _inputs(problem: Problem) -> Mapping[str, Array]:

@@ -172,6 +172,7 @@ class FactorSurface:
     largest: tuple[float, float]  # where on the logs it is largest, and one at amplitude one
     amplitude: float  # the factor less one there, when it was found
     cost: float  # what its coefficients must gain
+    single: bool  # whether it follows its first input alone
 
     @cached_property
     def error(self) -> float:

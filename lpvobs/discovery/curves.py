@@ -19,7 +19,7 @@ from lpvobs.discovery.fit import linearised
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.places import averaged
 from lpvobs.discovery.residual import Term
-from lpvobs.discovery.thresholds import COST, CURVE_SIZES, KNOTS, LARGEST, MOST_LEVELS, RIDGE
+from lpvobs.discovery.thresholds import BELL_LENGTHS, COST, CURVE_SIZES, KNOTS, LARGEST, MOST_LEVELS, RIDGE
 from lpvobs.engines.curves import on_surface, values_at
 from lpvobs.engines.effects import Effect, Signals
 from lpvobs.engines.residual_model import ComponentCurve
@@ -106,13 +106,29 @@ def component_candidates(linear: Linear, plain: Sequence[Candidate]) -> list[Can
     found = []
     for curve in linear.problem.model.curves:
         alike = next((c for c in plain if c.id == curve.carrier.id), plain[0]).term
-        steps = alike.course is None and not np.isfinite(alike.end)
-        for begin in dict.fromkeys((-np.inf, alike.begin if steps else -np.inf)):
-            surface = surface_of(linear, curve, begin)
-            if surface is not None:
-                effect = driven_by(curve, surface)
-                found.append(_fitted(linear, effect, surface, surface.cost, surface.amplitude, begin))
-    return [each for each in found if each.term.effect.low < each.term.size < each.term.effect.high]
+        found += [_of_component(linear, curve, begin) for begin in (-np.inf, *onset(alike))]
+    return [each for each in found if each is not None]
+
+
+def curve_in_place_of(linear: Linear, plain: Term) -> Candidate | None:
+    """Return the best curve of a component whose factor a plain effect is, at the same time; None where it explains too little."""
+    curve = next((c for c in linear.problem.model.curves if c.carrier.id == plain.effect.id), None)
+    if curve is None or not (plain.whole or onset(plain)):
+        return None
+    return _of_component(linear, curve, plain.begin)
+
+
+def _of_component(linear: Linear, curve: ComponentCurve, begin: float) -> Candidate | None:
+    surface = surface_of(linear, curve, begin)
+    if surface is None:
+        return None
+    found = _fitted(linear, driven_by(curve, surface), surface, surface.cost, surface.amplitude, begin)
+    return found if found.term.effect.low < found.term.size < found.term.effect.high else None
+
+
+def onset(term: Term) -> list[float]:
+    """Return when a term begins; none if it is there from the first sample, ends, or has a course."""
+    return [term.begin] if term.course is None and np.isfinite(term.begin) and not np.isfinite(term.end) else []
 
 
 def surface_again(linear: Linear, index: int, surface: FactorSurface) -> tuple[FactorSurface, Term] | None:
@@ -152,8 +168,9 @@ def surface_of(
     if known is not None:
         gradient = gradient - normal @ known.reshape(-1)[seen]
         sizes = [max(sizes[-1], float(np.abs(known).max()))]
-    fits = [_smooth(gradient, normal, size, alike, seen) for alike in curve.correlations() for size in sizes]
-    net, cost, values, errors = max(fits, key=lambda each: each[0])
+    line, plane = ([_smooth(gradient, normal, size, alike, seen) for size in sizes] for alike in curve.correlations())
+    line += [_bump(gradient, normal, bump, seen) for bump in _bumps(curve)]
+    net, cost, values, errors = best = max([*line, *plane], key=lambda each: each[0])
     along = (share * values[nodes]).sum(1)
     at = int(np.argmax(np.abs(along) * problem.used))
     if net <= 0.0 or along[at] == 0.0:
@@ -168,6 +185,7 @@ def surface_of(
         largest=(float(x[at]), float(y[at])),
         amplitude=float(along[at]),
         cost=cost,
+        single=any(each is best for each in line),
     )
 
 
@@ -192,3 +210,23 @@ def _smooth(
     cost = COST * float((strength / precision).sum())
     everywhere = correlation[:, seen] @ np.linalg.inv(root).T @ modes
     return gain - cost, cost, -everywhere @ (along / precision), np.sqrt((everywhere**2 / precision).sum(1))
+
+
+def _bumps(curve: ComponentCurve) -> Iterator[Array]:
+    """Yield the values at all nodes of narrow and wide bells around each node of the first input."""
+    first, second = curve.axes.values()
+    for width in BELL_LENGTHS:
+        for middle in first.values:
+            bell = np.exp(-0.5 * ((first.values - middle) / (width * curve.lengths[0])) ** 2)
+            yield np.repeat(bell, second.values.size)
+
+
+def _bump(gradient: Array, normal: Array, bell: Array, seen: NDArray[np.bool_]) -> tuple[float, float, Array, Array]:
+    """Return the same of a curve that is a multiple of one bell: its place, one of a few, is what costs."""
+    against, information = bell[seen] @ gradient, max(float(bell[seen] @ normal @ bell[seen]), 1e-300)
+    return (
+        float(0.5 * against**2 / information) - COST,
+        COST,
+        -against / information * bell,
+        np.asarray(bell / np.sqrt(information)),
+    )

@@ -13,7 +13,7 @@ from lpvobs.discovery.fit import pins
 from lpvobs.discovery.imbalances import change_of_residual
 from lpvobs.discovery.linear import Linear, dot
 from lpvobs.discovery.residual import Term
-from lpvobs.discovery.thresholds import EFFECT_STEP, LEAST_LENGTH, SIZE_PASSES, START, STRETCH, STRONG
+from lpvobs.discovery.thresholds import COST, EFFECT_STEP, LEAST_LENGTH, SIZE_PASSES, START, STRETCH, STRONG
 from lpvobs.engines.effects import Effect
 from lpvobs.records import Array
 
@@ -265,8 +265,9 @@ def penalty(changes: int, blocks: int, gain: float, from_start: bool = False) ->
 
 
 def score(candidate: Candidate) -> float:
-    """Return the gain less what its interval costs."""
-    return candidate.gain - penalty(candidate.changes, candidate.loss.size, candidate.gain, candidate.from_start)
+    """Return the gain less what its interval costs, and an unusual constant inside it."""
+    price = penalty(candidate.changes, candidate.loss.size, candidate.gain, candidate.from_start)
+    return candidate.gain - price - (COST if candidate.term.effect.unusual else 0.0)
 
 
 def best_first(candidates: Iterable[Candidate]) -> list[Candidate]:

@@ -12,20 +12,18 @@ from lpvobs.discovery import thresholds
 from lpvobs.discovery.evidence import (
     Candidate,
     best_first,
-    change_of,
     fit_candidate,
     score,
     slope_of,
     with_best_interval,
 )
 from lpvobs.discovery.fit import fit, linearised, objective, refit
-from lpvobs.discovery.forms import NAME, TIME, Factor, Form, along_problem, parsed, recorded_at, rms, unit_of
+from lpvobs.discovery.forms import NAME, TIME, Factor, Form, along_problem, recorded_at, rms
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.residual import Problem
 from lpvobs.engines.effects import SENSOR, Effect
 from lpvobs.records import Array
 
-Number = tuple[float, str, float]  # a value, its unit and its standard error
 COARSE_STEPS = (0.7, 0.84, 1.19, 1.41)
 FINE_STEPS = (0.92, 0.96, 1.04, 1.08)  # factors on the lag of a form that are tried around the best one
 
@@ -190,37 +188,6 @@ def _fitted(linear: Linear, library: _Products, form: Form, start: float) -> Can
     best = with_best_interval(linear, whole)
     gain = start - objective(refit(linear, [*linear.terms, best.term]))
     return replace(best, gain=gain - float(library.price(form.unknowns, max(gain, 0.0))))
-
-
-def with_inside(linear: Linear, index: int, standard_error: float) -> tuple[float, dict[str, Number]]:
-    """Return the standard error of a form's coefficient with its lag and reference unknown, too, and these by name."""
-    problem, term = linear.problem, linear.terms[index]
-    form = parsed(term.effect.id)
-    last = form.factors[-1] if form.factors else Factor("")
-    units = {"reference": unit_of(last.signal, problem.model.units), "tau": "s"}
-    names = [name for name in units if getattr(last, name)]
-    if not names:
-        return standard_error, {}
-    shape, size = along_problem(form, problem), term.effect.size
-    columns = []
-    for name in names:
-        step = 0.01 * getattr(last, name)
-        moved = replace(form, factors=(*form.factors[:-1], replace(last, **{name: getattr(last, name) + step})))
-        change = problem.over_columns((along_problem(moved, problem) - shape) / step)
-        further = form.effect(problem.model, change, size)
-        step = thresholds.EFFECT_STEP * term.size
-        slope = change_of(linear, further, step) / thresholds.EFFECT_STEP
-        columns.append(linear.whiten(slope * term.acts(problem.clock)))
-    at = linear.p + linear.beta.size + index
-    _, known = linear.beside(np.stack(columns))
-    spread = np.linalg.inv(known + 1e-9 * np.diag(np.abs(np.diag(known))))
-    row = linear.row(index)
-    alone, together = float(row[at]), np.array([linear.products(column) @ row for column in columns])
-    scale = standard_error / np.sqrt(alone)
-    more = max(float(together @ spread @ together), 0.0)
-    errors = scale * np.sqrt(np.maximum(np.diag(spread), 0.0))
-    inside = {name: (getattr(last, name), units[name], float(e)) for name, e in zip(names, errors, strict=True)}
-    return float(scale * np.sqrt(alone + more)), inside
 
 
 def _effect(form: Form, problem: Problem, shape: Array) -> Effect:

@@ -9,18 +9,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from lpvobs.discovery.course_choice import best_course, finer, fit_course, sharpened, timed_again
+from lpvobs.discovery.course_choice import best_course, finer, fit_course, is_worth, sharpened, timed_again
 from lpvobs.discovery.courses import GRADED, FactorSurface, can_be_graded
-from lpvobs.discovery.curves import surface_again
+from lpvobs.discovery.curves import curve_in_place_of, onset, surface_again
 from lpvobs.discovery.evidence import Candidate, best_first, fit_candidate, in_place, loss_of, score, with_best_interval
 from lpvobs.discovery.fit import fit, objective, refit, with_term, without
-from lpvobs.discovery.form_search import Number, with_inside
-from lpvobs.discovery.forms import PREFIX
+from lpvobs.discovery.inside import Number, with_inside
 from lpvobs.discovery.known_effects import NINETY
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.ranking import chance, is_proven, rank, rank_in
 from lpvobs.discovery.residual import Problem, Term
-from lpvobs.discovery.thresholds import ADVANTAGE, CLOSE, PASSES, SHAPE, SHORTLIST, TIE
+from lpvobs.discovery.thresholds import CLOSE, PASSES, SHAPE, SHORTLIST, TIE
 from lpvobs.engines.effects import Effect
 
 
@@ -37,10 +36,14 @@ def choose_again(linear: Linear, candidate: Candidate) -> tuple[Candidate, Linea
     bare = without(linear, newest)
     again = fit_candidate(bare, candidate.term.effect, candidate.term.begin, candidate.term.end, candidate.term.size)
     if curve is None:
-        rivals = [again, with_best_interval(bare, again)]
-        ranked = rank_in(bare, [effect for effect in _others(bare) if not problem.absorbs(effect)])[:SHORTLIST]
-        for rival in ranked:
-            rivals += [rival, fit_candidate(bare, rival.term.effect, again.term.begin, again.term.end)]
+        others = _others(bare)
+        ranked = rank_in(bare, [effect for effect in others if not problem.absorbs(effect)])[:SHORTLIST]
+        # What stands out all along and what does in the interval need not be the same.
+        here = rank_in(bare, others, again.term.begin, again.term.end)[:SHORTLIST] if again.changes else []
+        unusual = [
+            fit_candidate(bare, each, again.term.begin, again.term.end) for effect in others for each in effect.variants
+        ]
+        rivals = [again, with_best_interval(bare, again), *ranked, *here, *unusual]
         proven = [rival for rival in rivals if is_proven(rival, bare)] or [again]
         again = _joint_best(linear, again, best_first(proven))
         if again.term != linear.terms[newest]:
@@ -53,6 +56,9 @@ def choose_again(linear: Linear, candidate: Candidate) -> tuple[Candidate, Linea
             if nearer.term.course != on_course.term.course:
                 linear = fit(problem, [*bare.terms, nearer.term], start=linear)
             return in_place(linear, newest, nearer), linear
+        curved = curve_in_place_of(bare, again.term)
+        if curved is not None and isinstance(curved.term.curve, FactorSurface) and score(curved) > score(again) + TIE:
+            return _curve_again(fit(problem, [*bare.terms, curved.term], start=linear), curved, curved.term.curve)
     if again.changes:
         linear = fit(problem, [*bare.terms, sharpened(linear, newest)], start=linear)
     return in_place(linear, newest, again), linear
@@ -83,8 +89,15 @@ def _simpler(linear: Linear, candidate: Candidate, surface: FactorSurface) -> Ca
 
 
 def _curve_again(linear: Linear, candidate: Candidate, surface: FactorSurface) -> tuple[Candidate, Linear]:
-    """Return a component's curve that follows map, constants and weights which now go with it, and the model with that."""
+    """Return a component's curve that follows map, constants and weights which now go with it, and the model with that.
+
+    It begins where it then explains most.
+    """
     newest = len(linear.terms) - 1
+    bare, term = without(linear, newest), linear.terms[newest]
+    own = fit_candidate(bare, term.effect, size=term.size, like=term)
+    for begin in onset(with_best_interval(bare, own).term):
+        linear = fit(linear.problem, [*bare.terms, replace(term, begin=begin)], start=linear)
     for _ in range(PASSES):
         moved = surface_again(linear, newest, surface)
         if moved is None:
@@ -111,32 +124,30 @@ def _joint_best(linear: Linear, newest: Candidate, ranked: Sequence[Candidate]) 
     # its best interval and on the whole logs.
     others = linear.terms[:-1]
     newest = replace(newest, term=linear.terms[-1])
-    close: dict[tuple[str, bool, bool], Candidate] = {}
+    close: dict[tuple[Effect, bool, bool], Candidate] = {}
     for candidate in [newest, *ranked]:
         if candidate is newest or score(candidate) > CLOSE * score(ranked[0]):
             ends = bool(np.isfinite(candidate.term.begin)), bool(np.isfinite(candidate.term.end))
-            close.setdefault((candidate.id, *ends), candidate)
+            close.setdefault((candidate.term.effect, *ends), candidate)
     if len(close) == 1:
         return newest
     bare = objective(refit(linear, others))
-    return max(close.values(), key=lambda candidate: _joint_score(linear, others, candidate, bare))
+    return max(close.values(), key=lambda candidate: score(_jointly(linear, others, candidate, bare)))
 
 
 def _is_better(linear: Linear, bare: Linear, other: Candidate, own: Candidate) -> bool:
     """Return whether another candidate gains more than its own one when all unknowns are fitted with either."""
     # To first order an effect that is far from its true size may seem to explain what a large fault does to the residual.
     without_both = objective(bare)
-    theirs, ours = (_joint_score(linear, bare.terms, each, without_both) for each in (other, own))
-    return bool(theirs > ADVANTAGE * max(ours, 0.0))
+    return is_worth(*(_jointly(linear, bare.terms, each, without_both) for each in (other, own)))
 
 
-def _joint_score(linear: Linear, others: tuple[Term, ...], candidate: Candidate, bare: float) -> float:
-    """Return the gain of a candidate in the joint model less the cost of its interval; -inf at the end of its size's range."""
+def _jointly(linear: Linear, others: tuple[Term, ...], candidate: Candidate, bare: float) -> Candidate:
+    """Return a candidate with what it gains in the joint model, nothing at the end of its size's range."""
     joint = refit(linear, [*others, candidate.term])
     last = joint.terms[-1]
-    if not last.effect.low < last.size < last.effect.high:
-        return -np.inf
-    return score(replace(candidate, gain=bare - objective(joint)))
+    inside = last.effect.low < last.size < last.effect.high
+    return replace(candidate, gain=bare - objective(joint) if inside else 0.0)
 
 
 @dataclass(frozen=True)
@@ -148,7 +159,7 @@ class Accepted:
     share: float  # of half the sum of squares before any effect
     indistinguishable: tuple[str, ...]  # effects that explain the logs as well
     standard_error: float  # of the size, in its unit; of a channel's curve, of its multiple
-    further: Mapping[str, Number]  # what a form has inside its last factor, by name
+    further: Mapping[str, Number]  # what the effect has inside, by name
 
 
 def finished(
@@ -174,9 +185,7 @@ def finished(
     share = own.gain / max(float(loss_of(bare).sum()), own.gain, 1e-300)
     if isinstance(term.curve, FactorSurface):
         standard_error = float(np.hypot(standard_error, term.curve.error))
-    further: Mapping[str, Number] = {}
-    if own.id.startswith(PREFIX):
-        standard_error, further = with_inside(linear, index, standard_error)
+    standard_error, further = with_inside(linear, index, standard_error)
     return Accepted(own, chance(own, problem), share, indistinguishable, standard_error, further)
 
 

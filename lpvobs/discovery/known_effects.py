@@ -72,6 +72,9 @@ class KnownEffect:
     curve: Annotated[Curve | None, Item()]
     surface: Annotated[FactorSurface | None, Item()] = None
     course: Annotated[TracedCourse | None, Item()] = None  # times on the time axis of the log of its first span
+    inside: Annotated[
+        float, Item("1", "value of the constant inside the effect, in its unit; zero where there is none")
+    ] = 0.0
 
     @property
     def standard_deviation(self) -> float:
@@ -186,7 +189,8 @@ def _effect(known_effect: KnownEffect, model: ResidualModel, followed: Callable[
         form = parsed(known_effect.id)
         return form.effect(model, followed(form), abs(known_effect.value))
     if curve is None:
-        return catalogued(known_effect.id, model)
+        effect = catalogued(known_effect.id, model)
+        return effect if effect.inside is None else effect.having(known_effect.inside)
     carrier = catalogued(curve.carrier, model)
     return along_channel(curve, carrier, np.interp(followed(curve), curve.knots, curve.values))
 

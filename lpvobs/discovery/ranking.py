@@ -61,7 +61,7 @@ def _most_promising(expected: Mapping[Effect, float]) -> list[Effect]:
 
 def is_relevant(candidate: Candidate, linear: Linear) -> bool:
     """Return whether a candidate explains more than smoothing, a bilinear map and what healthy drives differ by may leave."""
-    return candidate.gain >= least_gain(linear.problem) and candidate.told * candidate.gain >= thresholds.PROVEN
+    return candidate.gain >= least_gain(linear.problem)
 
 
 def least_gain(problem: Problem) -> float:

@@ -232,6 +232,7 @@ def known_effect_of(problem: Problem, logs: Sequence[Log], item: Accepted) -> Kn
         spans=spans_of(term, logs),
         lasting=not np.isfinite(term.end) and (term.course is None or term.course.name != "intermittent"),
         course=None if term.course is None else term.course.shifted(float(logs[0].time[0])),
+        inside=0.0 if term.effect.inside is None else term.effect.inside.value,
         curve=curve if isinstance(curve, Curve) else None,
         surface=curve if isinstance(curve, FactorSurface) else None,
     )

@@ -9,7 +9,7 @@ import scipy
 from numpy.typing import NDArray
 
 from lpvobs.discovery import thresholds
-from lpvobs.discovery.courses import Shape, TracedCourse, state
+from lpvobs.discovery.courses import FactorSurface, Shape, TracedCourse, state
 from lpvobs.discovery.patterns import Patterns, Seeming
 from lpvobs.discovery.places import Places, blocks_of_logs, instants_of, kept_back, starts, stretches
 from lpvobs.engines.effects import SENSOR, Effect
@@ -175,11 +175,15 @@ class Problem(Places):
 
         What varies with the time on a healthy drive varies more within a shorter time: below half a drive as the noise does.
         It is at most the multiple of noise that it is on healthy drives: what they leave is an error of the balances, and a
-        drive that tells more of an effect is thrown off less by it.
+        drive that tells more of an effect is thrown off less by it. A curve over one input seems to have what its component
+        does as a whole.
         """
+        single = isinstance(term.curve, FactorSurface) and term.curve.single
+        curve = self.model.curve(term.effect.id) if single else None
+        name = term.effect.id if curve is None else curve.carrier.id
         in_place = self.seeming.places.get(term.effect.place, self.seeming.common)
-        most = self.seeming.effects.get(term.effect.id, in_place) * self.data
-        size = (self.seeming.whole if term.whole else self.seeming.late).get(term.effect.id)
+        most = self.seeming.effects.get(name, in_place) * self.data
+        size = (self.seeming.whole if term.whole else self.seeming.late).get(name)
         if size is None:
             return most
         share = max(float(np.mean(term.acts(self.clock))), 1.0 / self.K)

@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 
 from lpvobs.discovery import thresholds
-from lpvobs.discovery.course_choice import comes_and_goes, sharpened, timed_again
+from lpvobs.discovery.course_choice import comes_and_goes, on_courses, sharpened, timed_again
 from lpvobs.discovery.courses import FactorSurface
 from lpvobs.discovery.evidence import Candidate, dated_again, elsewhere_of, fit_candidate, in_place
 from lpvobs.discovery.fit import fit, objective, refit, standard_errors, with_term, without
@@ -129,6 +129,13 @@ def _search(problem: Problem, progress: Callable[[float], None], once: Once, wit
             found = beside_forms(linear, found, once(best_forms, linear, found))
         if is_relevant(found[0], linear) and not any(is_proven(c, linear) for c in found):
             found = (once(_beside_itself, linear, found[0]), *found[1:])
+        if not (accepted or any(is_proven(c, linear) for c in found)):
+            courses: Sequence[Candidate] = once(on_courses, linear)
+            found = (
+                *(c for c in courses if is_proven(c, linear)),
+                *found,
+                *(c for c in courses if not is_proven(c, linear)),
+            )
         ranking = ranking or found
         best = next((c for c in found if is_proven(c, linear)), found[0])
         # More than what may be left: proven, where healthy drives tell how errors look.

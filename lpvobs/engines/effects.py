@@ -14,7 +14,8 @@ from lpvobs.records import Array
 
 SENSOR = "W_maf"  # the channel of the sensor under test, of every engine
 AIR_AT_CALIBRATION = 298.0  # [K] Air temperature at which a sensor whose gain depends on temperature reads right
-PIVOT = 0.02  # [kg/s] Flow at which a contaminated film reads right. It reads too much below and too little above.
+# [kg/s] Flows at which a contaminated film may read right, too much below and too little above: the usual one, and some further
+CROSSINGS = (0.02, 0.012, 0.035)
 FILTER = 2.08e5  # [Pa/(kg/s)^2] Depression of the air filter over the squared flow: 3 kPa at 0.12 kg/s
 LITTLE = 1e-3  # [kg/s] Flow below which the noise of a reading hides the other effects on it
 
@@ -65,6 +66,17 @@ Change = Callable[[Signals, Any], Signals]
 
 
 @dataclass(frozen=True)
+class Inside:
+    """A constant inside an effect that nobody knows beforehand."""
+
+    name: str
+    unit: str
+    value: float
+    tried: tuple[float, ...]  # by a search, the usual value first
+    change: Callable[[float], Change]  # returns `Effect.apply` for a value of the constant
+
+
+@dataclass(frozen=True)
 class Effect:
     """One effect that a model may lack, with one parameter."""
 
@@ -82,6 +94,29 @@ class Effect:
     in_map: bool = False
     moves_point: bool = False  # whether it changes the operating point at which the map is read
     needs: tuple[str, ...] = ()  # channels without which a log cannot show it
+    inside: Inside | None = None
+
+    def having(self, value: float) -> "Effect":
+        """Return the effect with another value of the constant inside it; raises TypeError if there is none."""
+        inside = self.inside
+        if inside is None:
+            raise TypeError(f"the effect '{self.id}' has no constant inside")
+        return (
+            self
+            if value == inside.value
+            else replace(self, apply=inside.change(value), inside=replace(inside, value=value))
+        )
+
+    @property
+    def variants(self) -> tuple["Effect", ...]:
+        """The effect with each value of the constant inside it that is tried, but its own."""
+        inside = self.inside
+        return () if inside is None else tuple(self.having(x) for x in inside.tried if x != inside.value)
+
+    @property
+    def unusual(self) -> bool:
+        """Whether the constant inside it has another value than the usual one."""
+        return self.inside is not None and self.inside.value != self.inside.tried[0]
 
 
 def gain(channel: str) -> Change:
@@ -128,12 +163,19 @@ def delay(s: Signals, dead_time: float) -> Signals:
     return s.corrected(SENSOR, s[SENSOR] + other * (s.later(dead_time) - now))
 
 
-def contamination(s: Signals, x: Any) -> Signals:
-    """Return the flow behind a film whose King's law has lost a share x of its slope: sqrt W_m = (1 - x) sqrt W + x sqrt PIVOT."""
-    above = np.sqrt(np.maximum(s[SENSOR], 0.0)) - x * np.sqrt(PIVOT)
-    # A hot film does not see the direction of the flow: below zero the curve continues as a straight line.
-    backward = np.minimum(s[SENSOR] - x * x * PIVOT, 0.0)
-    return s.corrected(SENSOR, np.where(above > 0.0, above**2, backward) / (1.0 - x) ** 2)
+def contamination(crossing: float) -> Change:
+    """Return the correction of a film whose King's law has lost a share x of its slope.
+
+    It reads sqrt W_m = (1 - x) sqrt W + x sqrt crossing.
+    """
+
+    def change(s: Signals, x: Any) -> Signals:
+        above = np.sqrt(np.maximum(s[SENSOR], 0.0)) - x * np.sqrt(crossing)
+        # A hot film does not see the direction of the flow: below zero the curve continues as a straight line.
+        backward = np.minimum(s[SENSOR] - x * x * crossing, 0.0)
+        return s.corrected(SENSOR, np.where(above > 0.0, above**2, backward) / (1.0 - x) ** 2)
+
+    return change
 
 
 def on_the_reading() -> Mapping[str, Effect]:
@@ -142,6 +184,8 @@ def on_the_reading() -> Mapping[str, Effect]:
     gain_of = reading(lambda s, x: np.broadcast_to(x, s.time.shape))
     drift = reading(lambda s, rate: 1.0 + rate * s.time)
     warmed = reading(lambda s, k: 1.0 + k * (s["T_amb"] - AIR_AT_CALIBRATION))
+    crossing = Inside("crossing", "kg/s", CROSSINGS[0], CROSSINGS, contamination)
+    film = contamination(CROSSINGS[0])
     found = (
         Effect("maf.delay", "delay", "s", 0.0, 0.03, -0.1, 1.0, place, delay, TRANSIENTS, needs=own),
         Effect("maf.lag", "tau", "s", 0.0, 0.03, -0.02, 1.0, place, lag, TRANSIENTS, needs=own),
@@ -149,7 +193,7 @@ def on_the_reading() -> Mapping[str, Effect]:
         Effect("maf.gain", "factor", "1", 1.0, 0.05, 0.4, 2.0, place, gain_of, STEADY, True, needs=own),
         Effect("maf.drift", "rate", "1/s", 0.0, 1e-4, -1e-3, 1e-3, place, drift, STEADY, needs=own),
         Effect("maf.temperature", "coefficient", "1/K", 0.0, 1e-3, -0.02, 0.02, place, warmed, ALTITUDE, needs=(SENSOR, "T_amb")),
-        Effect("maf.contamination", "coefficient", "1", 0.0, 0.05, -0.5, 0.5, place, contamination, STEADY, needs=own),
+        Effect("maf.contamination", "coefficient", "1", 0.0, 0.05, -0.5, 0.5, place, film, STEADY, needs=own, inside=crossing),
     )  # fmt: skip
     return {effect.id: effect for effect in found}
 

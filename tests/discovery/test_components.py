@@ -120,4 +120,4 @@ def _flat(curve):
     first, second = (axis.values for axis in curve.axes.values())
     ones = np.ones((first.size, second.size))
     names, units = tuple(curve.axes), tuple(axis.unit for axis in curve.axes.values())
-    return FactorSurface(names, units, first, second, ones, ones, (0.0, 0.0), 0.1, 0.0)
+    return FactorSurface(names, units, first, second, ones, ones, (0.0, 0.0), 0.1, 0.0, True)

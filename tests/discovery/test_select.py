@@ -82,10 +82,9 @@ def test_a_size_whose_variation_few_drives_tell_is_less_sure():
 
 
 def test_an_effect_is_proven_by_what_is_left_beside_healthy_variation_and_matters_by_all_of_it():
-    assert judged(20.0, 1.0)[1]
-    assert not judged(20.0, 0.5)[1]  # ten are left, fifteen are asked
-    assert judged(31.0, 0.5)[1]
-    assert not judged(14.0, 1.0)[1]
+    assert judged(20.0, 0.5)[1]
+    assert not judged(15.0, 0.5)[1]  # 20 P(chi2 > 15) = 0.002
+    assert not judged(14.0, 1.0)[1]  # fifteen are asked, whatever the probability
 
 
 @pytest.mark.parametrize(("uneven", "left"), [(1.0, True), (2.5, False)])

@@ -1,0 +1,74 @@
+"""What an effect has inside beside its size: the lag and the reference of a form, the constant of an effect of the catalogue."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from lpvobs.discovery import imbalances, thresholds
+from lpvobs.discovery.evidence import change_of
+from lpvobs.discovery.forms import PREFIX, Factor, along_problem, parsed, unit_of
+from lpvobs.discovery.linear import Linear
+from lpvobs.records import Array
+
+Number = tuple[float, str, float]  # a value, its unit and its standard error
+_STEP = 0.01  # of a difference quotient, as a share of the constant
+
+
+def with_inside(linear: Linear, index: int, standard_error: float) -> tuple[float, dict[str, Number]]:
+    """Return the standard error of an effect's size with what is inside it unknown, too, and these numbers by name."""
+    inside = (
+        _inside_form(linear, index)
+        if linear.terms[index].effect.id.startswith(PREFIX)
+        else _inside_effect(linear, index)
+    )
+    if not inside:
+        return standard_error, {}
+    columns = np.stack([linear.whiten(slope) for _, _, slope in inside.values()])
+    _, known = linear.beside(columns)
+    spread = np.linalg.inv(known + 1e-9 * np.diag(np.abs(np.diag(known))))
+    row = linear.row(index)
+    alone = float(row[linear.p + linear.beta.size + index])
+    together = np.array([linear.products(column) @ row for column in columns])
+    scale = standard_error / np.sqrt(alone)
+    more = max(float(together @ spread @ together), 0.0)
+    errors = scale * np.sqrt(np.maximum(np.diag(spread), 0.0))
+    numbers = {
+        name: (value, unit, float(e)) for (name, (value, unit, _)), e in zip(inside.items(), errors, strict=True)
+    }
+    return float(scale * np.sqrt(alone + more)), numbers
+
+
+def _inside_form(linear: Linear, index: int) -> dict[str, tuple[float, str, Array]]:
+    """Return value, unit and derivative of the residual, not whitened, of what a form has in its last factor."""
+    problem, term = linear.problem, linear.terms[index]
+    form = parsed(term.effect.id)
+    last = form.factors[-1] if form.factors else Factor("")
+    units = {"reference": unit_of(last.signal, problem.model.units), "tau": "s"}
+    shape, found = along_problem(form, problem), {}
+    for name, unit in units.items():
+        value = getattr(last, name)
+        if value:
+            moved = replace(form, factors=(*form.factors[:-1], replace(last, **{name: (1.0 + _STEP) * value})))
+            change = problem.over_columns((along_problem(moved, problem) - shape) / (_STEP * value))
+            further = form.effect(problem.model, change, term.effect.size)
+            slope = change_of(linear, further, thresholds.EFFECT_STEP * term.size) / thresholds.EFFECT_STEP
+            found[name] = (value, unit, slope * term.acts(problem.clock))
+    return found
+
+
+def _inside_effect(linear: Linear, index: int) -> dict[str, tuple[float, str, Array]]:
+    """Return the same of the constant inside an effect of the catalogue."""
+    problem, term = linear.problem, linear.terms[index]
+    inside = term.effect.inside
+    if inside is None:
+        return {}
+    h = _STEP * inside.value
+
+    def having(value: float) -> Sequence[imbalances.Scene]:
+        moved = replace(term, effect=term.effect.having(value))
+        return imbalances.scenes_with(problem, [*linear.terms[:index], moved, *linear.terms[index + 1 :]], linear.beta)
+
+    below, above, there = having(inside.value - h), having(inside.value + h), (linear.beta, linear.theta, linear.nodes)
+    slope = imbalances.change_of_residual(problem, term.effect, below, above, *there) / (2.0 * h)
+    return {inside.name: (inside.value, inside.unit, slope)}
