@@ -7,8 +7,10 @@ import numpy as np
 
 from lpvobs.discovery import imbalances, thresholds
 from lpvobs.discovery.evidence import change_of
+from lpvobs.discovery.fit import with_term
 from lpvobs.discovery.forms import PREFIX, Factor, along_problem, parsed, unit_of
 from lpvobs.discovery.linear import Linear
+from lpvobs.discovery.thresholds import PASSES
 from lpvobs.records import Array
 
 Number = tuple[float, str, float]  # a value, its unit and its standard error
@@ -37,6 +39,21 @@ def with_inside(linear: Linear, index: int, standard_error: float) -> tuple[floa
         name: (value, unit, float(e)) for (name, (value, unit, _)), e in zip(inside.items(), errors, strict=True)
     }
     return float(scale * np.sqrt(alone + more)), numbers
+
+
+def settled(linear: Linear, index: int) -> Linear:
+    """Return the model with the constant inside an effect of the catalogue fitted, within twice what is tried."""
+    for _ in range(PASSES):
+        term = linear.terms[index]
+        inside = term.effect.inside
+        if inside is None:
+            break
+        ((_, _, slope),) = _inside_effect(linear, index).values()
+        (gradient,), ((information,),) = linear.beside(linear.whiten(slope)[None])
+        low, high = 0.5 * min(inside.tried), 2.0 * max(inside.tried)
+        value = float(np.clip(inside.value - gradient / max(information, 1e-300), low, high))
+        linear = with_term(linear, index, replace(term, effect=term.effect.having(value)))
+    return linear
 
 
 def _inside_form(linear: Linear, index: int) -> dict[str, tuple[float, str, Array]]:

@@ -17,6 +17,7 @@ from lpvobs.discovery.fit import fit, objective, refit, standard_errors, with_te
 from lpvobs.discovery.form_search import beside_forms, best_forms
 from lpvobs.discovery.forms import PREFIX
 from lpvobs.discovery.held_out import Losses, compare, cross_validated, noise_power
+from lpvobs.discovery.inside import settled
 from lpvobs.discovery.joint_choice import Accepted, choose_again, choose_all_again, finished
 from lpvobs.discovery.linear import Linear, cancels, changed_by
 from lpvobs.discovery.ranking import best_of, chance, is_proven, is_relevant, uneven_share
@@ -186,7 +187,7 @@ def _bare(linear: Linear) -> Linear:
 
 
 def _with_all(linear: Linear) -> Linear:
-    """Return the chosen model fitted to all data, which sharpens sizes and onsets; the choice of effects stays."""
+    """Return the chosen model fitted to all data, which sharpens all their numbers; the choice of effects stays."""
     problem = linear.problem.with_all()
     final = fit(problem, linear.terms, passes=2, start=linear)
     for i, term in enumerate(final.terms):
@@ -195,6 +196,7 @@ def _with_all(linear: Linear) -> Linear:
         if not term.whole:
             final = _with_term(final, i, dated_again(without(final, i), term))
             final = _with_term(final, i, sharpened(final, i))
+        final = settled(final, i)
     return final
 
 

@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 
 from lpvobs.discovery.courses import FactorSurface
-from lpvobs.discovery.curves import driven_by, surface_of
+from lpvobs.discovery.curves import curve_in_place_of, driven_by, surface_of
+from lpvobs.discovery.evidence import fit_candidate, score
+from lpvobs.discovery.fit import fit
 from lpvobs.discovery.known_effects import term_on
 from lpvobs.discovery.refine import refine
-from lpvobs.discovery.residual import free_map
+from lpvobs.discovery.residual import free_map, lay_out
+from lpvobs.discovery.thresholds import TIE
 from lpvobs.engines.diesel.effects import Lacks
 from lpvobs.report.residual_figures import component_curve
 from lpvobs.report.spoken import in_words
@@ -22,16 +25,24 @@ def bump(n_e):
     return BUMP * np.exp(-0.5 * ((n_e - 2000.0) / 350.0) ** 2)
 
 
-@pytest.fixture(scope="module")
-def wrong(plant):
-    """Return a model that lacks a bump of its cylinders: on its own plant's logs they take that much more."""
+def even(n_e):
+    return np.full(n_e.shape, BUMP)
+
+
+def breathing(plant, lacking):
+    """Return a model that lacks a factor of its cylinders: on its own plant's logs they take that much more."""
 
     def imbalances(constants, s, blocks):
         lacks = s.lacks.copy()
-        lacks[CYLINDERS] /= 1.0 + bump(s["n_e"])
+        lacks[CYLINDERS] /= 1.0 + lacking(s["n_e"])
         return plant.imbalances(constants, replace(s, lacks=lacks), blocks)
 
     return replace(plant, imbalances=imbalances)
+
+
+@pytest.fixture(scope="module")
+def wrong(plant):
+    return breathing(plant, bump)
 
 
 @pytest.fixture(scope="module")
@@ -47,6 +58,16 @@ def test_cylinders_that_take_more_around_a_speed_are_a_curve(found):
     assert low < BUMP < high
     assert finding.surface.largest_at[0] == pytest.approx(2000.0, abs=200.0)  # rpm; a distance of nodes
     assert found.trace.error.ratio_ci90[1] < 1.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("lacking", "curve"), [(bump, True), (even, False)])
+def test_a_component_is_a_curve_only_where_the_data_ask_for_one(plant, config, clean, lacking, curve):
+    grid = config.grid()
+    linear = fit(lay_out(breathing(plant, lacking), grid, free_map(grid, len(plant.names), 0.1), [clean]))
+    own = fit_candidate(linear, plant.effect("eta_vol.factor"))
+    other = curve_in_place_of(linear, own.term)
+    assert (other is not None and score(other) > score(own) + TIE) == curve
 
 
 @pytest.mark.slow

@@ -1,9 +1,15 @@
 """Courses of an effect: the right one is named with its times, and the effect is the same again from what is stored."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from lpvobs.discovery.course_choice import _is_same, is_worth, on_courses
 from lpvobs.discovery.courses import TracedCourse, relay, state
+from lpvobs.discovery.evidence import fit_candidate
+from lpvobs.discovery.fit import fit
 from lpvobs.discovery.known_effects import effect_along, term_on
 from lpvobs.discovery.refine import refine
 from lpvobs.discovery.residual import free_map
@@ -75,6 +81,37 @@ def test_a_valve_that_sticks_between_two_speeds_is_found_as_that(plant, config, 
     assert (finding.id, finding.course, finding.follows.input) == ("egr.area", "hysteresis", "n_e")
     assert finding.parameters["factor"].value == pytest.approx(0.7, abs=0.05)
     assert "exceeds" in in_words(found.trace.as_json(refined=True)["effects"])
+
+
+@pytest.mark.slow
+def test_a_pressure_that_reads_wrong_between_two_speeds_is_found_before_anything_is_named(laid_out, clean):
+    """All along it explains little: at half of the places there is nothing."""
+    wrong = clean["p_em"] * (1.0 + 0.03 * relay(clean["n_e"], 1600.0, 2000.0))
+    linear = fit(laid_out(replace(clean, channels={**clean.channels, "p_em": wrong})))
+    best = on_courses(linear)[0]
+    assert (best.id, best.term.course.name, best.term.course.input) == ("p_em.gain", "hysteresis", "n_e")
+    assert 1.01 < best.term.size < 1.03  # weights that do not know of it take some for noise
+    assert best.gain > 2.0 * fit_candidate(linear, linear.problem.model.effect("p_em.gain")).gain
+
+
+@pytest.mark.parametrize(
+    ("name", "gained", "worth"),
+    [("maf.gain", 1035.0, True), ("maf.gain", 1025.0, False), ("maf.lag", 1060.0, False), ("maf.lag", 1200.0, True)],
+)
+def test_a_course_must_gain_what_its_search_costs_and_another_effect_a_share_of_all(name, gained, worth):
+    """A gain that begins has 1000; two more parameters on 100 stretches cost 2 * 3 ln 100 = 27.6."""
+    own, course = (
+        SimpleNamespace(id=id_, gain=gain, changes=changes, loss=np.zeros(100), from_start=False, term=plain)
+        for id_, gain, changes in (("maf.gain", 1000.0, 1), (name, gained, 3))
+        for plain in [SimpleNamespace(effect=SimpleNamespace(unusual=False))]
+    )
+    assert is_worth(course, own) == worth
+
+
+def test_a_drift_is_a_gain_that_grows():
+    one, other = SimpleNamespace(id="maf.drift"), SimpleNamespace(id="maf.gain")
+    assert _is_same(one, other)
+    assert not _is_same(one, SimpleNamespace(id="maf.offset"))
 
 
 def test_a_relay_remembers():

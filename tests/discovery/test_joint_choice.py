@@ -9,10 +9,13 @@ import pytest
 from lpvobs.discovery import joint_choice
 from lpvobs.discovery.courses import TracedCourse
 from lpvobs.discovery.evidence import _told, fit_candidate, in_place
-from lpvobs.discovery.fit import fit
+from lpvobs.discovery.fit import fit, standard_errors
+from lpvobs.discovery.inside import settled, with_inside
+from lpvobs.discovery.known_effects import NINETY
 from lpvobs.discovery.residual import Term
 
 ONSET = 141.0
+LOST = 0.1
 
 
 @pytest.mark.slow
@@ -33,6 +36,25 @@ def test_a_course_that_only_seems_to_gain_more_than_a_large_fault_does_not_take_
     named, _ = joint_choice.choose_again(linear, in_place(linear, 0, fit_candidate(linear, gain, ONSET)))
     assert named.id == "p_im.gain"
     assert named.term.size == pytest.approx(0.9625, abs=1e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("crossing", [0.012, 0.02, 0.03])
+def test_a_film_reads_right_at_a_flow_of_its_own(laid_out, plant, clean, crossing):
+    """King's law tells how a film gets dirty, not at which flow it still reads right (kg/s)."""
+    dirty = ((1.0 - LOST) * np.sqrt(clean["W_maf"]) + LOST * np.sqrt(crossing)) ** 2
+    W_maf = np.where(clean.time < ONSET, clean["W_maf"], dirty)
+    problem = laid_out(replace(clean, channels={**clean.channels, "W_maf": W_maf}))
+    gain = plant.effect("maf.gain")
+    linear = fit(problem, [Term(gain, 0.95, ONSET)])
+    named, linear = joint_choice.choose_again(linear, in_place(linear, 0, fit_candidate(linear, gain, ONSET)))
+    assert named.id == "maf.contamination"
+    linear = settled(linear, 0)
+    error, inside = with_inside(linear, 0, float(standard_errors(linear)[0]))
+    value, unit, own = inside["crossing"]
+    assert abs(value - crossing) < NINETY * own
+    assert abs(linear.terms[0].size - LOST) < NINETY * error
+    assert unit == "kg/s"
 
 
 @pytest.mark.parametrize("proven", [True, False])
