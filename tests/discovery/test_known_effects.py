@@ -55,6 +55,15 @@ def test_what_lasts_acts_on_later_logs_throughout_and_what_ended_does_not(first,
     assert not active(healthy)[half:].any()
 
 
+def test_a_dirty_film_keeps_the_flow_at_which_it_reads_right(first, laid_out):
+    problem, crossing, lost = laid_out(first), 0.011, 0.1
+    film = replace(STEP, id="maf.contamination", parameter="coefficient", value=lost, inside=crossing)
+    term = term_on(film, problem, [first])
+    seen = problem.signals["W_maf"]
+    truth = ((np.sqrt(seen) - lost * np.sqrt(crossing)) / (1.0 - lost)) ** 2
+    np.testing.assert_allclose(term.effect.apply(problem.signals, lost)["W_maf"], truth, rtol=1e-12)
+
+
 def test_logs_that_told_of_an_effect_do_not_tell_twice(first, second, laid_out):
     again = term_on(STEP, laid_out(first), [first]).effect
     assert again.null == 1.0  # no effect is what is expected, with a wide prior: estimated anew

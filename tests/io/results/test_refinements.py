@@ -24,7 +24,16 @@ from lpvobs.io.results.refinements import (
 
 BALANCES = ("one", "other")
 LAG = KnownEffect(
-    "maf.lag", "sensor", "tau", "s", 0.08, (0.079, 0.081), (Span("a", "1" * 64, -np.inf, np.inf),), True, None
+    "maf.lag",
+    "sensor",
+    "tau",
+    "s",
+    0.08,
+    (0.079, 0.081),
+    (Span("a", "1" * 64, -np.inf, np.inf),),
+    True,
+    None,
+    inside=0.012,
 )
 HEAT = KnownEffect(
     "channel:heat",
