@@ -40,11 +40,18 @@ class Misreading:
         return np.where(span_at_work(self.onset, self.end, time), self.law(self.size, W, time, point), W)
 
 
-def contaminated(size: float, W: Array, time: Array, point: Point) -> Array:
-    """King's law E^2 = A + B W^0.45 whose B has fallen; A has moved so that it reads right at 12 g/s."""
-    n = 0.45
-    forward = ((1.0 - size) * np.maximum(W, 0.0) ** n + size * 0.012**n) ** (1.0 / n)
-    return np.where(W > 0.0, forward, W)
+@dataclass(frozen=True)
+class DirtyFilm:
+    """King's law E^2 = A + B W^n whose B has fallen; A has moved so that it reads right at one flow [kg/s]."""
+
+    crossing: float
+    exponent: float
+
+    def __call__(self, size: float, W: Array, time: Array, point: Point) -> Array:
+        """Return the reading, shape (N,), of flows [kg/s]."""
+        n = self.exponent
+        forward = ((1.0 - size) * np.maximum(W, 0.0) ** n + size * self.crossing**n) ** (1.0 / n)
+        return np.where(W > 0.0, forward, W)
 
 
 def pulsating(size: float, W: Array, time: Array, point: Point) -> Array:
@@ -61,11 +68,13 @@ def bypassed(size: float, W: Array, time: Array, point: Point) -> Array:
 
 
 OTHER_LAWS = {
-    "maf.contamination": (contaminated, 0.03, 0.12),
+    "maf.contamination": (DirtyFilm(0.012, 0.45), 0.03, 0.12),
     "maf.backflow": (pulsating, 0.5, 1.5),
     "leak.inlet": (bypassed, 0.03, 0.10),
 }
-"""Law, least and most size."""
+"""Law, least and most size; of a film, a usual one."""
+CROSSINGS, EXPONENTS = (0.008, 0.03), (0.4, 0.5)
+"""Ranges of the flow at which a dirty film reads right [kg/s], and of King's exponent."""
 
 
 @dataclass(frozen=True)

@@ -52,9 +52,10 @@ def best_course(linear: Linear, bare: Linear, own: Candidate, rivals: Sequence[E
 def is_worth(course: Candidate, own: Candidate) -> bool:
     """Return whether an effect on a course explains enough more than one that has another course, or none.
 
-    Of the same effect, both leave what it is not quite shaped like. Another one must gain a share of all.
+    Of the same effect, both leave what it is not quite shaped like, which the time does not tell. What follows an input, or is
+    another effect, must gain a share of all.
     """
-    if _is_same(course, own):
+    if _is_same(course, own) and (course.term.course is None or course.term.course.in_time):
         return course.gain - own.gain > penalty(course.changes - own.changes, own.loss.size, 0.0)
     return score(course) > thresholds.ADVANTAGE * max(score(own), 0.0)
 
@@ -163,6 +164,7 @@ def finer(bare: Linear, found: Candidate) -> Candidate:
         if found.term.course is None or not found.term.course.input:
             break
         effect = next((e for e in problem.catalogue if e.id == found.id), own)  # a formula is in no catalogue
+        effect = effect if own.inside is None else effect.having(own.inside.value)
         courses = list(near(found.term.course, step))
         shares = np.array([problem.share(course) for course in courses])
         gain = gains(_by_place(bare), slope_of(bare, effect, effect.null), shares)

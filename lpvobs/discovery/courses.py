@@ -15,7 +15,7 @@ import numpy as np
 
 from lpvobs.compiled import njit
 from lpvobs.engines.curves import on_surface, values_at
-from lpvobs.engines.effects import Effect
+from lpvobs.engines.effects import Change, Effect
 from lpvobs.records import Array, Item
 
 GRADED = ("ramp", "saturating", "lagged")  # courses that are not all or nothing
@@ -74,7 +74,15 @@ class TracedCourse:
 
 def on_course(effect: Effect, share: Array) -> Effect:
     """Return an effect of which a share is there, column by column; its parameter is that of the whole."""
-    return replace(effect, apply=lambda s, size: effect.apply(s, effect.null + (size - effect.null) * share))
+
+    def in_part(apply: Change) -> Change:
+        return lambda s, size: apply(s, effect.null + (size - effect.null) * share)
+
+    inside = effect.inside
+    if inside is not None:
+        change = inside.change
+        inside = replace(inside, change=lambda value: in_part(change(value)))
+    return replace(effect, apply=in_part(effect.apply), inside=inside)
 
 
 def can_be_graded(effect: Effect) -> bool:

@@ -19,7 +19,7 @@ from lpvobs.discovery.fit import linearised
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.places import averaged
 from lpvobs.discovery.residual import Term
-from lpvobs.discovery.thresholds import BELL_LENGTHS, COST, CURVE_SIZES, KNOTS, LARGEST, MOST_LEVELS, RIDGE
+from lpvobs.discovery.thresholds import COST, CURVE_SIZES, KNOTS, LARGEST, MOST_LEVELS, RIDGE, TENT_WIDTHS
 from lpvobs.engines.curves import on_surface, values_at
 from lpvobs.engines.effects import Effect, Signals
 from lpvobs.engines.residual_model import ComponentCurve
@@ -169,7 +169,7 @@ def surface_of(
         gradient = gradient - normal @ known.reshape(-1)[seen]
         sizes = [max(sizes[-1], float(np.abs(known).max()))]
     line, plane = ([_smooth(gradient, normal, size, alike, seen) for size in sizes] for alike in curve.correlations())
-    line += [_bump(gradient, normal, bump, seen) for bump in _bumps(curve)]
+    line += [_tent(gradient, normal, curve.deviation, tent, seen) for tent in _tents(curve)]
     net, cost, values, errors = best = max([*line, *plane], key=lambda each: each[0])
     along = (share * values[nodes]).sum(1)
     at = int(np.argmax(np.abs(along) * problem.used))
@@ -212,21 +212,21 @@ def _smooth(
     return gain - cost, cost, -everywhere @ (along / precision), np.sqrt((everywhere**2 / precision).sum(1))
 
 
-def _bumps(curve: ComponentCurve) -> Iterator[Array]:
-    """Yield the values at all nodes of narrow and wide bells around each node of the first input."""
+def _tents(curve: ComponentCurve) -> Iterator[Array]:
+    """Yield the values at all nodes of narrow and wide tents around each node of the first input."""
     first, second = curve.axes.values()
-    for width in BELL_LENGTHS:
+    for width in TENT_WIDTHS:
         for middle in first.values:
-            bell = np.exp(-0.5 * ((first.values - middle) / (width * curve.lengths[0])) ** 2)
-            yield np.repeat(bell, second.values.size)
+            tent = np.maximum(1.0 - np.abs(first.values - middle) / (width * curve.lengths[0]), 0.0)
+            yield np.repeat(tent, second.values.size)
 
 
-def _bump(gradient: Array, normal: Array, bell: Array, seen: NDArray[np.bool_]) -> tuple[float, float, Array, Array]:
-    """Return the same of a curve that is a multiple of one bell: its place, one of a few, is what costs."""
-    against, information = bell[seen] @ gradient, max(float(bell[seen] @ normal @ bell[seen]), 1e-300)
-    return (
-        float(0.5 * against**2 / information) - COST,
-        COST,
-        -against / information * bell,
-        np.asarray(bell / np.sqrt(information)),
-    )
+def _tent(
+    gradient: Array, normal: Array, deviation: float, tent: Array, seen: NDArray[np.bool_]
+) -> tuple[float, float, Array, Array]:
+    """Return the same of a curve that is a multiple of one tent: its place, one of a few, is what costs."""
+    against, strength = float(tent[seen] @ gradient), max(float(tent[seen] @ normal @ tent[seen]), 0.0)
+    precision = strength + deviation**-2.0
+    size = -against / precision
+    gain = -size * against - 0.5 * strength * size**2 if abs(size) < LARGEST * deviation else 0.0
+    return gain - COST, COST, size * tent, tent / np.sqrt(precision)

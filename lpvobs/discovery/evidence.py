@@ -134,7 +134,7 @@ def fit_candidate(
         best = (float(gain), float(size), change, slope, answer, own, information)
         gradient = dot(slope, linear.residual + change) - against @ (answer + linear.newton_step)
         # Where the derivative is noise, as near the stall of the compressor, the effect may be told at twice the size.
-        step = -gradient / information if _is_clear(linear, slope, information) else size - effect.null
+        step = -gradient / information if is_clear(linear, slope, information) else size - effect.null
         new = float(np.clip(size + step, effect.low, effect.high))
         if information > 0.0 and abs(new - size) * np.sqrt(information) < 1e-2:
             break
@@ -143,14 +143,14 @@ def fit_candidate(
     left = linear.moved(linear.residual + change, answer + linear.newton_step)
     information = max(information, 1e-9 * float(np.vdot(slope, slope)), 1e-300)
     scores = linear.by_block(left, slope) - linear.products_by_block(left) @ own
-    known = _is_clear(linear, slope, information)
+    known = is_clear(linear, slope, information)
     clock = linear.problem.clock
     from_start = bool(np.isfinite(term.end)) and term.begin < clock[0] + START * (clock[-1] - clock[0])
     weighed = _weighed(linear, replace(term, size=size), left, scores if known else None, information)
     return Candidate(gain=most if known else 0.0, from_start=from_start, **weighed)
 
 
-def _is_clear(linear: Linear, slope: Array, information: float) -> bool:
+def is_clear(linear: Linear, slope: Array, information: float) -> bool:
     """Return whether the information about a size is more than the noise of its derivative."""
     return bool(information > STRONG * np.sqrt(_blur(linear, slope).sum()))
 
@@ -173,7 +173,10 @@ def _weighed(linear: Linear, term: Term, left: Array, scores: Array | None, info
 
 
 def _told(linear: Linear, term: Term, information: float, unevenness: float) -> float:
-    """Return the share of the information about a size that is left beside what a healthy engine seems to have of it."""
+    """Return the share of the information about a size that is left beside what a healthy engine seems to have of it.
+
+    Its variance is that of noise and of what the size takes of the healthy one, by how much they act alike.
+    """
     problem = linear.problem
     information = information / max(unevenness, 1.0)  # what varies from block to block tells less of a size
     share = term.acts(problem.clock).astype(float)
@@ -183,7 +186,7 @@ def _told(linear: Linear, term: Term, information: float, unevenness: float) -> 
     power, own = float((share**2).mean()), float((healthy**2).mean())
     known = problem.seems(term, information * own / power)
     alike = float((share * healthy).mean()) ** 2 / (power * own)
-    return 1.0 - alike * known / (1.0 + known) if known > 0.0 else 1.0
+    return 1.0 / (1.0 + alike * known)
 
 
 def elsewhere_of(linear: Linear) -> float:

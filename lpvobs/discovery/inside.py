@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from lpvobs.discovery import imbalances, thresholds
-from lpvobs.discovery.evidence import change_of
-from lpvobs.discovery.fit import with_term
+from lpvobs.discovery.evidence import change_of, is_clear
+from lpvobs.discovery.fit import objective, with_term
 from lpvobs.discovery.forms import PREFIX, Factor, along_problem, parsed, unit_of
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.thresholds import PASSES
@@ -45,14 +45,16 @@ def settled(linear: Linear, index: int) -> Linear:
     """Return the model with the constant inside an effect of the catalogue fitted, within twice what is tried."""
     for _ in range(PASSES):
         term = linear.terms[index]
-        inside = term.effect.inside
-        if inside is None:
+        inside, known = term.effect.inside, _inside_effect(linear, index)
+        if inside is None or not known:
             break
-        ((_, _, slope),) = _inside_effect(linear, index).values()
-        (gradient,), ((information,),) = linear.beside(linear.whiten(slope)[None])
+        (gradient,), ((information,),) = linear.beside(linear.whiten(known[inside.name][2])[None])
         low, high = 0.5 * min(inside.tried), 2.0 * max(inside.tried)
-        value = float(np.clip(inside.value - gradient / max(information, 1e-300), low, high))
-        linear = with_term(linear, index, replace(term, effect=term.effect.having(value)))
+        value = float(np.clip(inside.value - gradient / information, low, high))
+        there = with_term(linear, index, replace(term, effect=term.effect.having(value)))
+        if objective(there) >= objective(linear):
+            break
+        linear = there
     return linear
 
 
@@ -75,7 +77,7 @@ def _inside_form(linear: Linear, index: int) -> dict[str, tuple[float, str, Arra
 
 
 def _inside_effect(linear: Linear, index: int) -> dict[str, tuple[float, str, Array]]:
-    """Return the same of the constant inside an effect of the catalogue."""
+    """Return the same of the constant inside an effect of the catalogue, nothing where the logs do not tell of it."""
     problem, term = linear.problem, linear.terms[index]
     inside = term.effect.inside
     if inside is None:
@@ -88,4 +90,6 @@ def _inside_effect(linear: Linear, index: int) -> dict[str, tuple[float, str, Ar
 
     below, above, there = having(inside.value - h), having(inside.value + h), (linear.beta, linear.theta, linear.nodes)
     slope = imbalances.change_of_residual(problem, term.effect, below, above, *there) / (2.0 * h)
-    return {inside.name: (inside.value, inside.unit, slope)}
+    white = linear.whiten(slope)
+    _, ((information,),) = linear.beside(white[None])
+    return {inside.name: (inside.value, inside.unit, slope)} if is_clear(linear, white, information) else {}

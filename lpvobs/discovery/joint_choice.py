@@ -26,13 +26,13 @@ from lpvobs.engines.effects import Effect
 def choose_again(linear: Linear, candidate: Candidate) -> tuple[Candidate, Linear]:
     """Return the newest effect, or the one that explains the residual better now that the fault no longer inflates the weights."""
     problem, newest, curve = linear.problem, len(linear.terms) - 1, candidate.term.curve
-    if isinstance(curve, FactorSurface):
-        simpler = _simpler(linear, candidate, curve)
-        if simpler is None:
-            return _curve_again(linear, candidate, curve)
-        return choose_again(fit(problem, [*linear.terms[:newest], simpler.term], start=linear), simpler)
-    if linear.terms[newest].course is not None:
-        return in_place(linear, newest, candidate), linear
+    course = linear.terms[newest].course is not None
+    if course or isinstance(curve, FactorSurface):
+        simpler = _simpler(linear, candidate)
+        if simpler is not None:
+            linear, candidate = fit(problem, [*linear.terms[:newest], simpler.term], start=linear), simpler
+            return choose_again(linear, candidate) if simpler.term.course is None else _course_again(linear, candidate)
+        return _course_again(linear, candidate) if course else _curve_again(linear, candidate)
     bare = without(linear, newest)
     again = fit_candidate(bare, candidate.term.effect, candidate.term.begin, candidate.term.end, candidate.term.size)
     if curve is None:
@@ -48,29 +48,32 @@ def choose_again(linear: Linear, candidate: Candidate) -> tuple[Candidate, Linea
         again = _joint_best(linear, again, best_first(proven))
         if again.term != linear.terms[newest]:
             linear = fit(problem, [*bare.terms, again.term], start=linear)
+            bare = without(linear, newest)
         ids = {rival.id for rival in proven} - {again.id}
         on_course = best_course(linear, bare, again, [c.term.effect for c in ranked if c.id in ids])
         if on_course is not again and _is_better(linear, bare, on_course, again):
-            linear = fit(problem, [*bare.terms, on_course.term], start=linear)
-            nearer = _nearer(linear, on_course)
-            if nearer.term.course != on_course.term.course:
-                linear = fit(problem, [*bare.terms, nearer.term], start=linear)
-            return in_place(linear, newest, nearer), linear
+            return _course_again(fit(problem, [*bare.terms, on_course.term], start=linear), on_course)
         curved = curve_in_place_of(bare, again.term)
-        if curved is not None and isinstance(curved.term.curve, FactorSurface) and score(curved) > score(again) + TIE:
-            return _curve_again(fit(problem, [*bare.terms, curved.term], start=linear), curved, curved.term.curve)
+        if curved is not None and score(curved) > score(again) + TIE and is_proven(curved, bare):
+            found = _curve_again(fit(problem, [*bare.terms, curved.term], start=linear), curved)
+            if not at_its_end(found[1].terms[newest]):
+                return found
     if again.changes:
         linear = fit(problem, [*bare.terms, sharpened(linear, newest)], start=linear)
     return in_place(linear, newest, again), linear
 
 
-def _nearer(linear: Linear, found: Candidate) -> Candidate:
+def _course_again(linear: Linear, found: Candidate) -> tuple[Candidate, Linear]:
     """Return the newest effect of a model, `found`, with its course sought again beside the weights that it leaves."""
-    bare, course = without(linear, len(linear.terms) - 1), found.term.course
+    newest, course = len(linear.terms) - 1, found.term.course
+    bare, nearer = without(linear, newest), found
     if course is None or not course.intervals:
-        return finer(bare, found)
-    again = timed_again(linear, len(linear.terms) - 1).course
-    return found if again is None or again == course else fit_course(bare, found.term.effect, again)
+        nearer = finer(bare, found)
+    elif (again := timed_again(linear, newest).course) not in (None, course):
+        nearer = fit_course(bare, found.term.effect, again)
+    if nearer.term.course != course:
+        linear = fit(linear.problem, [*bare.terms, nearer.term], start=linear)
+    return in_place(linear, newest, nearer), linear
 
 
 def _others(bare: Linear) -> list[Effect]:
@@ -79,24 +82,29 @@ def _others(bare: Linear) -> list[Effect]:
     return [effect for effect in bare.problem.catalogue if effect.id not in taken]
 
 
-def _simpler(linear: Linear, candidate: Candidate, surface: FactorSurface) -> Candidate | None:
-    """Return an effect of the catalogue or a logged channel, on whatever course, that explains more than a component's curve."""
+def _simpler(linear: Linear, candidate: Candidate) -> Candidate | None:
+    """Return an effect or a logged channel, on whatever course, that explains more than a component's curve or another course."""
     newest, bare = len(linear.terms) - 1, without(linear, len(linear.terms) - 1)
     own = fit_candidate(bare, candidate.term.effect, size=linear.terms[newest].size, like=linear.terms[newest])
     ranked = rank(bare, _others(bare))[:SHORTLIST]
     best = best_course(linear, bare, ranked[0], [c.term.effect for c in ranked[1:]])
-    return best if score(best) > score(own) - surface.cost else None
+    if isinstance(surface := candidate.term.curve, FactorSurface):
+        return best if score(best) > score(own) - surface.cost else None
+    return best if score(best) > score(own) and is_proven(best, bare) else None
 
 
-def _curve_again(linear: Linear, candidate: Candidate, surface: FactorSurface) -> tuple[Candidate, Linear]:
+def _curve_again(linear: Linear, candidate: Candidate) -> tuple[Candidate, Linear]:
     """Return a component's curve that follows map, constants and weights which now go with it, and the model with that.
 
     It begins where it then explains most.
     """
     newest = len(linear.terms) - 1
-    bare, term = without(linear, newest), linear.terms[newest]
-    own = fit_candidate(bare, term.effect, size=term.size, like=term)
-    for begin in onset(with_best_interval(bare, own).term):
+    bare, term, surface = without(linear, newest), linear.terms[newest], candidate.term.curve
+    if not isinstance(surface, FactorSurface):
+        raise TypeError("a component's curve follows a surface")
+    own = with_best_interval(bare, fit_candidate(bare, term.effect, size=term.size, like=term))
+    for begin in onset(own.term):
+        candidate = replace(candidate, gain=own.gain - surface.cost)
         linear = fit(linear.problem, [*bare.terms, replace(term, begin=begin)], start=linear)
     for _ in range(PASSES):
         moved = surface_again(linear, newest, surface)
@@ -105,6 +113,11 @@ def _curve_again(linear: Linear, candidate: Candidate, surface: FactorSurface) -
         surface, term = moved
         linear = fit(linear.problem, [*linear.terms[:newest], term], passes=1, start=linear)
     return in_place(linear, newest, candidate), linear
+
+
+def at_its_end(term: Term) -> bool:
+    """Return whether the curve of a component is as large as it can be: it stands for something else then."""
+    return isinstance(term.curve, FactorSurface) and not term.effect.low < term.size < term.effect.high
 
 
 def choose_all_again(linear: Linear, accepted: tuple[Candidate, ...]) -> tuple[Linear, tuple[Candidate, ...]]:
@@ -132,22 +145,28 @@ def _joint_best(linear: Linear, newest: Candidate, ranked: Sequence[Candidate]) 
     if len(close) == 1:
         return newest
     bare = objective(refit(linear, others))
-    return max(close.values(), key=lambda candidate: score(_jointly(linear, others, candidate, bare)))
+    joint = [
+        (score(found), candidate)
+        for candidate in close.values()
+        if (found := _jointly(linear, others, candidate, bare))
+    ]
+    return max(joint, key=lambda each: each[0], default=(0.0, newest))[1]
 
 
 def _is_better(linear: Linear, bare: Linear, other: Candidate, own: Candidate) -> bool:
     """Return whether another candidate gains more than its own one when all unknowns are fitted with either."""
     # To first order an effect that is far from its true size may seem to explain what a large fault does to the residual.
     without_both = objective(bare)
-    return is_worth(*(_jointly(linear, bare.terms, each, without_both) for each in (other, own)))
+    theirs, ours = (_jointly(linear, bare.terms, each, without_both) for each in (other, own))
+    return theirs is not None and (ours is None or is_worth(theirs, ours))
 
 
-def _jointly(linear: Linear, others: tuple[Term, ...], candidate: Candidate, bare: float) -> Candidate:
-    """Return a candidate with what it gains in the joint model, nothing at the end of its size's range."""
+def _jointly(linear: Linear, others: tuple[Term, ...], candidate: Candidate, bare: float) -> Candidate | None:
+    """Return a candidate with what it gains in the joint model, None at the end of its size's range."""
     joint = refit(linear, [*others, candidate.term])
     last = joint.terms[-1]
     inside = last.effect.low < last.size < last.effect.high
-    return replace(candidate, gain=bare - objective(joint) if inside else 0.0)
+    return replace(candidate, gain=bare - objective(joint)) if inside else None
 
 
 @dataclass(frozen=True)
@@ -183,10 +202,14 @@ def finished(
         beside.append(_as_fitted(there, bare, rival))
     indistinguishable = tuple(c.id for c in beside if fits_as_well(like, c, problem))
     share = own.gain / max(float(loss_of(bare).sum()), own.gain, 1e-300)
-    if isinstance(term.curve, FactorSurface):
-        standard_error = float(np.hypot(standard_error, term.curve.error))
+    return Accepted(own, chance(own, problem), share, indistinguishable, *error_of(linear, index, standard_error))
+
+
+def error_of(linear: Linear, index: int, standard_error: float) -> tuple[float, Mapping[str, Number]]:
+    """Return the standard error of a size with all that is inside the effect unknown, too, and what is inside it by name."""
+    curve = linear.terms[index].curve
     standard_error, further = with_inside(linear, index, standard_error)
-    return Accepted(own, chance(own, problem), share, indistinguishable, standard_error, further)
+    return float(np.hypot(standard_error, curve.error)) if isinstance(curve, FactorSurface) else standard_error, further
 
 
 def _as_fitted(linear: Linear, bare: Linear, candidate: Candidate) -> Candidate:

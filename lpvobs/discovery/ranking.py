@@ -60,7 +60,7 @@ def _most_promising(expected: Mapping[Effect, float]) -> list[Effect]:
 
 
 def is_relevant(candidate: Candidate, linear: Linear) -> bool:
-    """Return whether a candidate explains more than smoothing, a bilinear map and what healthy drives differ by may leave."""
+    """Return whether a candidate explains more than smoothing and a bilinear map may leave."""
     return candidate.gain >= least_gain(linear.problem)
 
 
@@ -78,11 +78,13 @@ def is_proven(candidate: Candidate, linear: Linear) -> bool:
 def chance(candidate: Candidate, problem: Problem, wider: float = 1.0) -> float:
     """Return the probability of such a gain by chance, after all effects and intervals that were tried (Bonferroni).
 
-    A curve's coefficients and a formula's search have paid a price, and do not compete. `wider` is the variance of a gain, in that
+    A curve's coefficients and a formula's search have paid a price, and do not compete;
+    an unusual constant inside pays it here. `wider` is the variance of a gain, in that
     of noise. Healthy drives tell how far sizes vary beyond noise: the smaller the part of noise, the nearer is the distribution
     to Student's with as many degrees of freedom as there are drives (Satterthwaite).
     """
-    statistic = 2.0 * max(candidate.told * (candidate.gain / wider), 0.0) / max(candidate.unevenness, 1.0)
+    gain = candidate.gain - (thresholds.COST if candidate.term.effect.unusual else 0.0)
+    statistic = 2.0 * max(candidate.told * (gain / wider), 0.0) / max(candidate.unevenness, 1.0)
     hypotheses = len(problem.catalogue) * candidate.loss.size**candidate.changes
     effective = min(problem.seeming.degrees / max(1.0 - candidate.told, 1e-6) ** 2, 1e6)
     return float(min(1.0, hypotheses * scipy.stats.f.sf(statistic, 1, effective)))

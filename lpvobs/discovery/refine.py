@@ -19,7 +19,7 @@ from lpvobs.discovery.forms import in_words, rms
 from lpvobs.discovery.healthy_drive import HealthyDrive
 from lpvobs.discovery.held_out import HOW, HOW_WHOLE, Losses, losses_on_unseen, pooled_losses
 from lpvobs.discovery.imbalances import residual_of, scenes_with
-from lpvobs.discovery.joint_choice import Accepted
+from lpvobs.discovery.joint_choice import Accepted, error_of
 from lpvobs.discovery.known_effects import NINETY, KnownEffect, spans_of, term_on
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.places import place_in_logs
@@ -81,8 +81,9 @@ def refine(
     if known:
         errors = standard_errors(after)
         accepted = tuple(
-            replace(item, candidate=in_place(after, i, item.candidate), standard_error=float(errors[i]))
+            replace(item, candidate=in_place(after, i, item.candidate), standard_error=error, further=further)
             for i, item in enumerate(accepted, len(known))
+            for error, further in [error_of(after, i, float(errors[i]))]
         )
         kept = tuple(_kept(after.terms[i], float(errors[i]), each, logs) for i, each in enumerate(known))
     found = tuple(known_effect_of(problem, logs, item) for item in accepted)

@@ -9,7 +9,7 @@ import scipy
 from numpy.typing import NDArray
 
 from lpvobs.discovery import thresholds
-from lpvobs.discovery.courses import FactorSurface, Shape, TracedCourse, state
+from lpvobs.discovery.courses import FactorSurface, Shape, TracedCourse, relay, state
 from lpvobs.discovery.patterns import Patterns, Seeming
 from lpvobs.discovery.places import Places, blocks_of_logs, instants_of, kept_back, starts, stretches
 from lpvobs.engines.effects import SENSOR, Effect
@@ -213,6 +213,9 @@ class Problem(Places):
         """Return the share of a course at the places, shape (K,)."""
         if course.name == "lagged":
             return course.of_state(self.state(course.input, course.time_constant))
+        if course.name == "hysteresis":
+            x, logs = self.channel(course.input), np.unique(self.of_log)
+            return np.concatenate([relay(x[self.of_log == i], course.low, course.high) for i in logs])
         return course.share(self.clock, self.channel, float(self.clock[-1]) if course.in_time else np.inf)
 
     def mean(self, values: Array) -> Array:

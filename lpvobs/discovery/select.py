@@ -11,14 +11,13 @@ import scipy
 
 from lpvobs.discovery import thresholds
 from lpvobs.discovery.course_choice import comes_and_goes, on_courses, sharpened, timed_again
-from lpvobs.discovery.courses import FactorSurface
 from lpvobs.discovery.evidence import Candidate, dated_again, elsewhere_of, fit_candidate, in_place
 from lpvobs.discovery.fit import fit, objective, refit, standard_errors, with_term, without
 from lpvobs.discovery.form_search import beside_forms, best_forms
 from lpvobs.discovery.forms import PREFIX
 from lpvobs.discovery.held_out import Losses, compare, cross_validated, noise_power
 from lpvobs.discovery.inside import settled
-from lpvobs.discovery.joint_choice import Accepted, choose_again, choose_all_again, finished
+from lpvobs.discovery.joint_choice import Accepted, at_its_end, choose_again, choose_all_again, finished
 from lpvobs.discovery.linear import Linear, cancels, changed_by
 from lpvobs.discovery.ranking import best_of, chance, is_proven, is_relevant, uneven_share
 from lpvobs.discovery.residual import Problem, Term
@@ -73,14 +72,18 @@ def select(problem: Problem, progress: Callable[[float], None] = lambda _: None)
     progress(0.95)
     errors = standard_errors(final)
     bare = _bare(final)
-    found = tuple(
+    effects = tuple(
         finished(final, bare if len(accepted) == 1 else without(final, i), i, c, float(errors[i]), search.forms)
         for i, c in enumerate(accepted)
     )
     progress(1.0)
-    tried = {c.id for c in search.on_the_way}
-    leading = (*search.on_the_way, *(c for c in search.ranking if c.id not in tried))
-    return Selection(search.verdict, found, bare, final, losses, tuple(search.ranking), nothing, leading)
+    ranking, leading = (_each_once(found) for found in (search.ranking, (*search.on_the_way, *search.ranking)))
+    return Selection(search.verdict, effects, bare, final, losses, ranking, nothing, leading)
+
+
+def _each_once(found: Sequence[Candidate]) -> tuple[Candidate, ...]:
+    """Return the first candidate of every name."""
+    return tuple({c.id: c for c in reversed(found)}[name] for name in dict.fromkeys(c.id for c in found))
 
 
 def _form_beats(search: _Search, once: Once) -> bool:
@@ -176,7 +179,7 @@ def _with_one_more(
     problem = linear.problem
     trial = fit(problem, [*linear.terms, best.term], start=linear)
     named, trial = choose_again(trial, best)
-    if not _predicts_better(linear, trial) or _is_remainder(named, accepted, problem) or _at_its_end(named.term):
+    if not _predicts_better(linear, trial) or _is_remainder(named, accepted, problem) or at_its_end(named.term):
         return None
     return choose_all_again(trial, (*accepted, named))
 
@@ -285,11 +288,6 @@ def _is_remainder(candidate: Candidate, accepted: Sequence[Candidate], problem: 
     most = max((c.gain for c in accepted), default=0.0)
     little = candidate.gain < min(thresholds.AGAIN * most, thresholds.REST * 0.5 * problem.data)
     return little and (candidate.changes > 1 or uneven_share(candidate, problem) > thresholds.MOST_UNEVEN)
-
-
-def _at_its_end(term: Term) -> bool:
-    """Return whether the curve of a component is as large as it can be: it stands for something else then."""
-    return isinstance(term.curve, FactorSurface) and not term.effect.low < term.size < term.effect.high
 
 
 def _pruned(linear: Linear, accepted: Sequence[Candidate]) -> tuple[Sequence[Candidate], Linear]:

@@ -156,9 +156,9 @@ COST = 8.0
 CURVE_SIZES = (0.3, 1.0)
 """[1] Sizes of a component's curve that are tried, in its deviation before any data. Set by choice: a curve of which
 little shows should not pay for coefficients that a large one needs."""
-BELL_LENGTHS = (0.4, 0.8)
-"""[1] Widths of the bells that a component's curve may be, in its own length over the first input. Set by choice: a curve that
-differs from its model at one speed or opening needs no further coefficient."""
+TENT_WIDTHS = (1.0, 2.0)
+"""[1] Half the widths of the tents that a component's curve may be, in its length over the first input. Set by choice: where a
+component differs from its model at one speed or opening, one coefficient tells it."""
 LARGEST = 4.0
 """[1] Largest amplitude of a component's curve, in its deviation before any data. Set by choice. Without it a leak of the real
 engine was taken for cylinders that take 37 % less; held by run 10."""

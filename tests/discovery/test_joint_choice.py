@@ -73,8 +73,8 @@ def test_an_effect_gives_way_only_to_one_that_is_proven(laid_out, plant, clean, 
     assert named.id.startswith("p_im.") == proven
 
 
-def test_an_effect_that_grows_is_told_from_what_healthy_drives_seem_to_have_of_it_all_the_time(plant):
-    """Data of equal weight along the log: what is left of the information beside a size that is always there, by linear algebra."""
+def test_an_effect_that_grows_varies_by_what_it_takes_of_what_healthy_drives_seem_to_have_of_it_all_the_time(plant):
+    """Data of equal weight along the log: the variance of a size fitted alone where another is always there, by linear algebra."""
     K, size = 1000, 0.05
     clock, effect = np.linspace(0.0, 1.0, K), plant.effect("turbine.efficiency")
     ramp = TracedCourse("ramp", begin=0.2, end=0.7)
@@ -82,8 +82,8 @@ def test_an_effect_that_grows_is_told_from_what_healthy_drives_seem_to_have_of_i
     problem = SimpleNamespace(clock=clock, seems=lambda _, information: information * size**2, share=lambda _: share)
     precision, begins, step = 40.0, Term(effect, 0.9, 0.5), (clock >= 0.5).astype(float)
     for along, seeming, term in ((share, np.ones(K), Term(effect, 0.9, course=ramp)), (step, step, begins)):
-        columns = np.stack([along, seeming])
-        normal = precision * columns @ columns.T + np.diag([0.0, size**-2.0])
         alone = precision * along @ along
+        fitted = along / (along @ along)
+        variance = fitted @ (np.eye(K) / precision + size**2 * np.outer(seeming, seeming)) @ fitted
         told = _told(SimpleNamespace(problem=problem), term, alone, 1.0)
-        assert told == pytest.approx(1.0 / np.linalg.inv(normal)[0, 0] / alone, rel=1e-9)
+        assert told == pytest.approx(1.0 / variance / alone, rel=1e-9)
