@@ -95,17 +95,25 @@ def test_a_pressure_that_reads_wrong_between_two_speeds_is_found_before_anything
 
 
 @pytest.mark.parametrize(
-    ("name", "gained", "worth"),
-    [("maf.gain", 1035.0, True), ("maf.gain", 1025.0, False), ("maf.lag", 1060.0, False), ("maf.lag", 1200.0, True)],
+    ("name", "kind", "gained", "worth"),
+    [
+        ("maf.gain", "ramp", 1035.0, True),
+        ("maf.gain", "ramp", 1025.0, False),
+        ("maf.gain", "hysteresis", 1060.0, False),
+        ("maf.lag", "ramp", 1060.0, False),
+        ("maf.lag", "ramp", 1200.0, True),
+    ],
 )
-def test_a_course_must_gain_what_its_search_costs_and_another_effect_a_share_of_all(name, gained, worth):
+def test_a_course_over_time_must_gain_what_its_search_costs_and_others_a_share_of_all(name, kind, gained, worth):
     """A gain that begins has 1000; two more parameters on 100 stretches cost 2 * 3 ln 100 = 27.6."""
-    own, course = (
-        SimpleNamespace(id=id_, gain=gain, changes=changes, loss=np.zeros(100), from_start=False, term=plain)
-        for id_, gain, changes in (("maf.gain", 1000.0, 1), (name, gained, 3))
-        for plain in [SimpleNamespace(effect=SimpleNamespace(unusual=False))]
-    )
-    assert is_worth(course, own) == worth
+
+    def candidate(id_, gain, course):
+        changes, plain = (3, 1)[course is None], SimpleNamespace(unusual=False)
+        term = SimpleNamespace(effect=plain, course=course)
+        return SimpleNamespace(id=id_, gain=gain, changes=changes, loss=np.zeros(100), from_start=False, term=term)
+
+    course = TracedCourse(kind, input="" if kind == "ramp" else "n_e")
+    assert is_worth(candidate(name, gained, course), candidate("maf.gain", 1000.0, None)) == worth
 
 
 def test_a_drift_is_a_gain_that_grows():

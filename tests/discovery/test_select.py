@@ -67,7 +67,7 @@ def judged(gain, told, degrees=np.inf, candidates=20):
     problem = SimpleNamespace(
         seeming=Seeming(degrees=degrees), patterns=(1,), levels=(), data=1000.0, catalogue=(None,) * candidates
     )
-    term = SimpleNamespace(course=None, begin=-np.inf, end=np.inf)
+    term = SimpleNamespace(course=None, begin=-np.inf, end=np.inf, effect=SimpleNamespace(unusual=False))
     candidate = Candidate(term, gain, 1.0, 1.0, np.zeros(1), 1.0, False, told)
     return chance(candidate, problem), is_proven(candidate, SimpleNamespace(problem=problem))
 
