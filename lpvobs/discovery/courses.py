@@ -72,6 +72,12 @@ class TracedCourse:
         return np.clip((response - self.low) / (self.high - self.low), 0.0, 1.0)
 
 
+def course_name(course: TracedCourse | None, begin: float, end: float) -> str:
+    """Return the name of a course, or of an effect that is all there from its begin to its end."""
+    plain = "interval" if np.isfinite(end) else "step" if np.isfinite(begin) else "always"
+    return plain if course is None else course.name
+
+
 def on_course(effect: Effect, share: Array) -> Effect:
     """Return an effect of which a share is there, column by column; its parameter is that of the whole."""
 

@@ -91,6 +91,7 @@ class Leading(Output):
     id: str
     parameters: Mapping[str, Parameter]
     explained: Fraction
+    course: Annotated[str, Meta(extra_json_schema={"enum": list(COURSES)})]
     formula: str | UnsetType = UNSET  # in words, for a form
     proven: Annotated[bool, Meta(extra_json_schema={"const": False})] = False
 

@@ -12,7 +12,7 @@ import numpy as np
 from msgspec import UNSET
 
 from lpvobs.discovery import outcome
-from lpvobs.discovery.courses import Curve, FactorSurface
+from lpvobs.discovery.courses import Curve, FactorSurface, course_name
 from lpvobs.discovery.evidence import in_place, loss_of
 from lpvobs.discovery.fit import fit, refit, standard_errors
 from lpvobs.discovery.forms import in_words, rms
@@ -162,6 +162,7 @@ def _leading(selection: Selection) -> tuple[outcome.Leading, ...]:
             id=c.id,
             parameters={c.term.effect.parameter: parameter_of(c.term.size, c.term.effect.unit, c.standard_error)},
             explained=min(c.gain / max(power, c.gain, 1e-300), 1.0),
+            course=course_name(c.term.course, c.term.begin, c.term.end),
             formula=in_words(c.term),
         )
         for c in selection.leading[:MOST_NAMED]
@@ -193,14 +194,13 @@ def finding_of(logs: Sequence[Log], item: Accepted) -> outcome.Finding:
     term = item.candidate.term
     course, curve = term.course, term.curve
     begin, end = (term.begin, term.end) if course is None else (course.begin, course.end)
-    plain = "interval" if np.isfinite(end) else "step" if np.isfinite(begin) else "always"
     further = {name: parameter_of(*number) for name, number in item.further.items()}
     return outcome.Finding(
         id=term.effect.id,
         parameters={term.effect.parameter: parameter_of(term.size, term.effect.unit, item.standard_error)} | further,
         onset=place_in_logs(logs, begin),
         end=place_in_logs(logs, end),
-        course=plain if course is None else course.name,
+        course=course_name(course, begin, end),
         follows=UNSET
         if course is None
         else outcome.Following(course.time_constant, course.input, course.low, course.high, course.intervals),

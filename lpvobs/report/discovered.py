@@ -93,9 +93,16 @@ def where(left: Leftover | None) -> str:
 
 def candidate_rows(content: Mapping[str, Any]) -> Table:
     """Return what comes nearest to a residual without a name."""
-    header = ["candidate, not proven", "parameter", "value", "5 %", "95 %", "unit", "share explained"]
+    header = ["candidate, not proven", "course", "parameter", "value", "5 %", "95 %", "unit", "share explained"]
     return header, [
-        [item["id"], name, *with_interval(p["value"], *p["ci90"]), p["unit"], percent(item["explained"], 1)]
+        [
+            item["id"],
+            item["course"],
+            name,
+            *with_interval(p["value"], *p["ci90"]),
+            p["unit"],
+            percent(item["explained"], 1),
+        ]
         for item in content.get("candidates", [])
         for name, p in item["parameters"].items()
     ]

@@ -177,7 +177,7 @@ FINDING = Finding(
     "channel:T_amb", {"amplitude": Parameter(1.0, "1", (0.9, 1.1))}, 3.0, None, 0.4, 0.001, ("maf.temperature",),
     drive="a cold day", curve=Followed("T_amb", "value", "maf.gain", (280.0, 300.0), (0.0, 0.1)),
 )  # fmt: skip
-LEADING = Leading(id="maf.lag", parameters={"tau": Parameter(0.1, "s", (0.05, 0.15))}, explained=0.3)
+LEADING = Leading(id="maf.lag", parameters={"tau": Parameter(0.1, "s", (0.05, 0.15))}, explained=0.3, course="ramp")
 LEFT = Leftover((Stretch("drive", 1.0, 21.0, 0.6),), (8.0, 12.0), (1500.0, 1750.0), 3.0, 0.02, "filling", {"T_im": 0.4})
 
 

@@ -57,10 +57,10 @@ def test_an_effect_is_told_with_size_interval_time_and_what_it_bought(refined):
 
 def test_nothing_and_something_without_a_name(refined):
     assert sentence(replace(refined, content=content("none"))).startswith("a: the residual shows nothing")
-    leading = {"id": "maf.lag", "parameters": LAG["parameters"], "explained": 0.3, "proven": False}
+    leading = {"id": "maf.lag", "parameters": LAG["parameters"], "explained": 0.3, "course": "ramp", "proven": False}
     unexplained = replace(refined, content=content("unexplained") | {"candidates": [leading]}, left=LEFT)
     header, rows = candidate_rows(unexplained.content)
-    assert (header[0], rows[0][0], rows[0][-1]) == ("candidate, not proven", "maf.lag", "30.0 %")
+    assert (header[0], *rows[0][:2], rows[0][-1]) == ("candidate, not proven", "maf.lag", "ramp", "30.0 %")
     assert not candidate_rows(refined.content)[1]
     said = sentence(unexplained)
     assert "no effect is named" in said
