@@ -15,6 +15,8 @@ LOGS   := $(BUILD)/logs
 CYCLES := etc ftp75 nedc
 JUDGED := etc_part1 ftp75_cold
 FAULT  := configs/effects/undeclared_leak.toml
+OTHER  := $(BUILD)/other
+HEALTHY := etc ftp75 wltc
 
 .DELETE_ON_ERROR:
 .SUFFIXES:
@@ -61,8 +63,9 @@ $(VENV)/.ready: $(VENV)/.installed
 	touch $@
 
 # --- the chain ------------------------------------------------------------------------------------------------------------
-run: $(BUILD)/report.html
+run: $(BUILD)/report.html $(OTHER)/report.html
 	@echo 'Look at $(BUILD)/report.html; results: $(JUDGED:%=$(BUILD)/%.h5)'
+	@echo 'An engine that is not the model: $(OTHER)/report.html'
 
 CORE       := lpvobs/errors.py lpvobs/records.py
 SIMULATION := $(CORE) $(wildcard lpvobs/simulation/*.py lpvobs/simulation/*/*.py data/cycles/*.csv)
@@ -104,6 +107,47 @@ RESULTS := $(foreach cycle,$(JUDGED),$(BUILD)/$(cycle).h5 $(BUILD)/$(cycle)_publ
 
 $(BUILD)/report.html: $(RESULTS) $(BUILD)/refined.h5 $(REPORTING)
 	$(LPVOBS) report $(RESULTS) $(BUILD)/refined.h5 $(JUDGED:%=$(LOGS)/%.parquet) $(LOGS)/etc_part1_faulty.parquet --html $@
+
+# --- the chain on an engine that is not the model ------------------------------------------------------------------------------
+# A displacement and a compressor of its own, and every feature that the model lacks. The tool knows it from a bench table and healthy drives.
+$(OTHER)/engine.toml: $(CONFIG)
+	@mkdir -p $(@D)
+	sed -e 's/^V_d = 1.910e-3/V_d = 1.925e-3/' -e 's/^R_c = 0.0245/R_c = 0.0243/' \
+	    -e '/^\[simulation.structure\]/,/^$$/s/= 0.0 /= 1.0 /' $< > $@
+
+$(OTHER)/bench.csv: $(OTHER)/engine.toml $(SIMULATION) | $(VENV)/.ready
+	$(LPVOBS) simulate --config $< --bench 100 --out $@
+
+$(OTHER)/engine.h5: $(OTHER)/bench.csv $(SYNTHESIS) $(wildcard lpvobs/calibration/*.py)
+	$(LPVOBS) calibrate --config $(CONFIG) --bench $< --out $@
+
+$(OTHER)/%.parquet: $(OTHER)/engine.toml $(SIMULATION) | $(VENV)/.ready
+	$(LPVOBS) simulate --config $< --cycle $* --rate 20 --seed $(SEED) --out $@
+
+$(OTHER)/%_faulty.parquet: $(OTHER)/engine.toml $(FAULT) $(SIMULATION) | $(VENV)/.ready
+	$(LPVOBS) simulate --config $< --cycle $* --rate 20 --seed $(SEED)0 --effects $(FAULT) --out $@
+
+$(OTHER)/%_later.parquet: $(OTHER)/engine.toml $(SIMULATION) | $(VENV)/.ready
+	$(LPVOBS) simulate --config $< --cycle $* --rate 20 --seed $(SEED)1 --out $@
+
+$(OTHER)/heated.parquet: $(OTHER)/etc_part1_later.parquet tools/heated_sensor.py
+	$(VENV)/bin/python tools/heated_sensor.py $< $@
+
+$(OTHER)/gain.h5: $(HEALTHY:%=$(OTHER)/%.parquet) $(SYNTHESIS)
+	$(LPVOBS) synth-gain --config $(CONFIG) $(HEALTHY:%=$(OTHER)/%.parquet) --out $@
+
+$(OTHER)/map.h5: $(OTHER)/gain.h5 $(OTHER)/engine.h5 $(ESTIMATION) $(DISCOVERY)
+	$(LPVOBS) estimate --config $(CONFIG) --gain $< --engine $(OTHER)/engine.h5 $(HEALTHY:%=$(OTHER)/%.parquet) --out $@
+
+# A leak that nobody declared, judged on another drive; and a cause in no catalogue, for which there is a formula.
+$(OTHER)/leak.h5: $(OTHER)/map.h5 $(JUDGED:%=$(OTHER)/%_faulty.parquet) $(DISCOVERY)
+	$(LPVOBS) refine $< $(OTHER)/etc_part1_faulty.parquet --hold-out $(OTHER)/ftp75_cold_faulty.parquet --out $@
+
+$(OTHER)/heat.h5: $(OTHER)/map.h5 $(OTHER)/heated.parquet $(DISCOVERY)
+	$(LPVOBS) refine $< $(OTHER)/heated.parquet --out $@
+
+$(OTHER)/report.html: $(OTHER)/map.h5 $(OTHER)/leak.h5 $(OTHER)/heat.h5 $(REPORTING)
+	$(LPVOBS) report $(OTHER)/map.h5 $(OTHER)/leak.h5 $(OTHER)/heat.h5 --html $@
 
 # Workers take whole files, in the order of tests/conftest.py.
 PYTEST := $(VENV)/bin/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
