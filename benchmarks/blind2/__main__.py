@@ -198,16 +198,15 @@ def equivalent(effect: Any, log: SimulatedLog, plain: SimulatedLog) -> float:
     seen, before = log.truth["W_maf"][on], before[on]
     slow = np.maximum(0.0, (2000.0 - t["n_e"]) / 1000.0) * t["u_delta"] / 40.0
     share = np.sqrt(2.0 * t["p_amb"] / (287.0 * t["T_amb"]) * 2.08e5)
-    laws = {  # further parameters, such as the flow at which a film reads right, are free
-        "maf.contamination": lambda x, crossing: (
-            ((1.0 - x) * np.sqrt(np.maximum(before, 0.0)) + x * np.sqrt(crossing)) ** 2
-        ),
-        "maf.backflow": lambda x: before * (1.0 + x * slow),
-        "leak.inlet": lambda x: before / (1.0 + x * share),
+    root = np.sqrt(np.maximum(before, 0.0))
+    laws: dict[str, tuple[Any, ...]] = {  # with usual values of further parameters, which are free
+        "maf.contamination": (lambda x, crossing: ((1.0 - x) * root + x * np.sqrt(crossing)) ** 2, 0.02),
+        "maf.backflow": (lambda x: before * (1.0 + x * slow),),
+        "leak.inlet": (lambda x: before / (1.0 + x * share),),
     }
-    kind, law = CATALOGUE[effect.id], laws[effect.id]
-    bounds = [(kind.low, kind.high)] + [(2e-3, 0.1)] * (effect.id == "maf.contamination")
-    begin = [0.5 * kind.high] + [0.02] * (len(bounds) - 1)
+    kind, (law, *further) = CATALOGUE[effect.id], laws[effect.id]
+    bounds = [(kind.low, kind.high), *((0.1 * usual, 5.0 * usual) for usual in further)]
+    begin = [0.5 * kind.high, *further]
     best = scipy.optimize.least_squares(
         lambda x: law(*x) - seen, begin, bounds=np.transpose(bounds), x_scale=begin, xtol=1e-12, ftol=1e-12
     )

@@ -16,6 +16,7 @@ from lpvobs.simulation.instruments import lagged
 
 Array = NDArray[np.float64]
 Point = Mapping[str, Array]
+Law = Callable[[float, Array, Array, Point], Array]
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,7 @@ class Misreading:
     """
 
     id: str
-    law: Callable[[float, Array, Array, Point], Array]
+    law: Law
     size: float
     onset: float | None = None
     end: float | None = None
@@ -67,14 +68,17 @@ def bypassed(size: float, W: Array, time: Array, point: Point) -> Array:
     return W / (1.0 + size * (np.maximum(W, 1e-4) / 0.04) ** 0.35)
 
 
-OTHER_LAWS = {
-    "maf.contamination": (DirtyFilm(0.012, 0.45), 0.03, 0.12),
-    "maf.backflow": (pulsating, 0.5, 1.5),
-    "leak.inlet": (bypassed, 0.03, 0.10),
+def drawn_film(rng: np.random.Generator) -> Law:
+    """Return a dirty film that reads right somewhere between 8 and 30 g/s."""
+    return DirtyFilm(float(np.exp(rng.uniform(np.log(0.008), np.log(0.03)))), float(rng.uniform(0.4, 0.5)))
+
+
+OTHER_LAWS: Mapping[str, tuple[Callable[[np.random.Generator], Law], float, float]] = {
+    "maf.contamination": (drawn_film, 0.03, 0.12),
+    "maf.backflow": (lambda _: pulsating, 0.5, 1.5),
+    "leak.inlet": (lambda _: bypassed, 0.03, 0.10),
 }
-"""Law, least and most size; of a film, a usual one."""
-CROSSINGS, EXPONENTS = (0.008, 0.03), (0.4, 0.5)
-"""Ranges of the flow at which a dirty film reads right [kg/s], and of King's exponent."""
+"""How the law is drawn, least and most size."""
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from faults import CROSSINGS, EXPONENTS, OTHER_LAWS, UNLISTED, DirtyFilm, Hose, Misreading, Unlisted
+from faults import OTHER_LAWS, UNLISTED, Hose, Misreading, Unlisted
 from population import BANK, ENGINES, PIECES, VARIATIONS
 
 from lpvobs.simulation.effects import CATALOGUE, CatalogueEffect, EffectCourse
@@ -148,10 +148,8 @@ def _span(rng: np.random.Generator, length: float) -> dict[str, float]:
 
 def _listed(rng: np.random.Generator, id_: str, length: float) -> Any:
     if id_ in OTHER_LAWS:
-        law, least, most = OTHER_LAWS[id_]
-        if isinstance(law, DirtyFilm):
-            law = DirtyFilm(_between(rng, *CROSSINGS), float(rng.uniform(*EXPONENTS)))
-        return Misreading(id_, law, _between(rng, least, most), **_span(rng, length))
+        drawn, least, most = OTHER_LAWS[id_]
+        return Misreading(id_, drawn(rng), _between(rng, least, most), **_span(rng, length))
     found = CatalogueEffect(id_, _value(rng, id_), **_span(rng, length))
     return replace(found, course=Hose()) if id_ == "leak.intake" else found
 

@@ -39,8 +39,7 @@ def best_course(linear: Linear, bare: Linear, own: Candidate, rivals: Sequence[E
         found += [fit_course(bare, effect, course) for course in _promising(bare, effect, graded, relays)]
     best = own
     for each in ([c for c in found if _is_same(c, own)], found):
-        leading = max(each, key=score, default=own)
-        leading = finer(bare, leading)
+        leading = finer(bare, max(each, key=score, default=own))
         best = leading if is_worth(leading, best) else best
     if best is not own and best.term.only is not None:
         driven = max(channel_candidates(bare), key=score, default=None)

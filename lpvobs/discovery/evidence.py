@@ -40,6 +40,11 @@ class Candidate:
         return self.term.effect.id
 
     @property
+    def price(self) -> float:
+        """What an unusual constant inside the effect must gain."""
+        return COST if self.term.effect.unusual else 0.0
+
+    @property
     def standard_error(self) -> float:
         """Standard error of its size, wider where no single size fits every block."""
         return float(np.sqrt(max(self.unevenness, 1.0) / self.information))
@@ -269,8 +274,8 @@ def penalty(changes: int, blocks: int, gain: float, from_start: bool = False) ->
 
 def score(candidate: Candidate) -> float:
     """Return the gain less what its interval costs, and an unusual constant inside it."""
-    price = penalty(candidate.changes, candidate.loss.size, candidate.gain, candidate.from_start)
-    return candidate.gain - price - (COST if candidate.term.effect.unusual else 0.0)
+    interval = penalty(candidate.changes, candidate.loss.size, candidate.gain, candidate.from_start)
+    return candidate.gain - interval - candidate.price
 
 
 def best_first(candidates: Iterable[Candidate]) -> list[Candidate]:

@@ -191,13 +191,23 @@ def _by_terms(problem: Problem, terms: tuple[Term, ...], beta: Array, theta: Arr
     found = np.empty((len(terms), 2, len(problem.model.balances), problem.K))
     for i, term in enumerate(terms):
         h = EFFECT_STEP * term.effect.size
-        ends = []
-        for shift in (h, -h):
-            moved = [replace(t, size=t.size + shift) if j == i else t for j, t in enumerate(terms)]
-            ends.append(imbalances.scenes_with(problem, moved, beta))
-        change = imbalances.change_of_residual(problem, term.effect, ends[1], ends[0], beta, theta, nodes)
-        found[i] = change / (2.0 * h)
+        below, above = (replace(term, size=term.size + shift) for shift in (-h, h))
+        found[i] = change_between(problem, terms, i, (below, above), beta, theta, nodes) / (2.0 * h)
     return found
+
+
+def change_between(
+    problem: Problem,
+    terms: Sequence[Term],
+    index: int,
+    ends: tuple[Term, Term],
+    beta: Array,
+    theta: Array,
+    nodes: imbalances.Nodes,
+) -> Array:
+    """Return how the residual changes from the first to the second of two terms in one place, shape (2, B, K)."""
+    one, other = (imbalances.scenes_with(problem, [*terms[:index], end, *terms[index + 1 :]], beta) for end in ends)
+    return imbalances.change_of_residual(problem, terms[index].effect, one, other, beta, theta, nodes)
 
 
 def prior_precision(problem: Problem, terms: tuple[Term, ...]) -> Array:

@@ -1,13 +1,12 @@
 """What an effect has inside beside its size: the lag and the reference of a form, the constant of an effect of the catalogue."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from lpvobs.discovery import imbalances, thresholds
+from lpvobs.discovery import thresholds
 from lpvobs.discovery.evidence import change_of, is_clear
-from lpvobs.discovery.fit import objective, with_term
+from lpvobs.discovery.fit import change_between, objective, with_term
 from lpvobs.discovery.forms import PREFIX, Factor, along_problem, parsed, unit_of
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.thresholds import PASSES
@@ -26,7 +25,7 @@ def with_inside(linear: Linear, index: int, standard_error: float) -> tuple[floa
     )
     if not inside:
         return standard_error, {}
-    columns = np.stack([linear.whiten(slope) for _, _, slope in inside.values()])
+    columns = np.stack([column for _, _, column in inside.values()])
     _, known = linear.beside(columns)
     spread = np.linalg.inv(known + 1e-9 * np.diag(np.abs(np.diag(known))))
     row = linear.row(index)
@@ -48,7 +47,7 @@ def settled(linear: Linear, index: int) -> Linear:
         inside, known = term.effect.inside, _inside_effect(linear, index)
         if inside is None or not known:
             break
-        (gradient,), ((information,),) = linear.beside(linear.whiten(known[inside.name][2])[None])
+        (gradient,), ((information,),) = linear.beside(known[inside.name][2][None])
         low, high = 0.5 * min(inside.tried), 2.0 * max(inside.tried)
         value = float(np.clip(inside.value - gradient / information, low, high))
         there = with_term(linear, index, replace(term, effect=term.effect.having(value)))
@@ -59,7 +58,7 @@ def settled(linear: Linear, index: int) -> Linear:
 
 
 def _inside_form(linear: Linear, index: int) -> dict[str, tuple[float, str, Array]]:
-    """Return value, unit and derivative of the residual, not whitened, of what a form has in its last factor."""
+    """Return value, unit and derivative of the whitened residual of what a form has in its last factor."""
     problem, term = linear.problem, linear.terms[index]
     form = parsed(term.effect.id)
     last = form.factors[-1] if form.factors else Factor("")
@@ -72,7 +71,7 @@ def _inside_form(linear: Linear, index: int) -> dict[str, tuple[float, str, Arra
             change = problem.over_columns((along_problem(moved, problem) - shape) / (_STEP * value))
             further = form.effect(problem.model, change, term.effect.size)
             slope = change_of(linear, further, thresholds.EFFECT_STEP * term.size) / thresholds.EFFECT_STEP
-            found[name] = (value, unit, slope * term.acts(problem.clock))
+            found[name] = (value, unit, linear.whiten(slope * term.acts(problem.clock)))
     return found
 
 
@@ -83,13 +82,8 @@ def _inside_effect(linear: Linear, index: int) -> dict[str, tuple[float, str, Ar
     if inside is None:
         return {}
     h = _STEP * inside.value
-
-    def having(value: float) -> Sequence[imbalances.Scene]:
-        moved = replace(term, effect=term.effect.having(value))
-        return imbalances.scenes_with(problem, [*linear.terms[:index], moved, *linear.terms[index + 1 :]], linear.beta)
-
-    below, above, there = having(inside.value - h), having(inside.value + h), (linear.beta, linear.theta, linear.nodes)
-    slope = imbalances.change_of_residual(problem, term.effect, below, above, *there) / (2.0 * h)
-    white = linear.whiten(slope)
-    _, ((information,),) = linear.beside(white[None])
-    return {inside.name: (inside.value, inside.unit, slope)} if is_clear(linear, white, information) else {}
+    below, above = (replace(term, effect=term.effect.having(inside.value + shift)) for shift in (-h, h))
+    change = change_between(problem, linear.terms, index, (below, above), linear.beta, linear.theta, linear.nodes)
+    column = linear.whiten(change / (2.0 * h))
+    _, ((information,),) = linear.beside(column[None])
+    return {inside.name: (inside.value, inside.unit, column)} if is_clear(linear, column, information) else {}

@@ -36,13 +36,11 @@ def choose_again(linear: Linear, candidate: Candidate) -> tuple[Candidate, Linea
     bare = without(linear, newest)
     again = fit_candidate(bare, candidate.term.effect, candidate.term.begin, candidate.term.end, candidate.term.size)
     if curve is None:
-        others = _others(bare)
+        others, span = _others(bare), (again.term.begin, again.term.end)
         ranked = rank_in(bare, [effect for effect in others if not problem.absorbs(effect)])[:SHORTLIST]
         # What stands out all along and what does in the interval need not be the same.
-        here = rank_in(bare, others, again.term.begin, again.term.end)[:SHORTLIST] if again.changes else []
-        unusual = [
-            fit_candidate(bare, each, again.term.begin, again.term.end) for effect in others for each in effect.variants
-        ]
+        here = rank_in(bare, others, *span)[:SHORTLIST] if again.changes else []
+        unusual = [fit_candidate(bare, each, *span) for effect in others for each in effect.variants]
         rivals = [again, with_best_interval(bare, again), *ranked, *here, *unusual]
         proven = [rival for rival in rivals if is_proven(rival, bare)] or [again]
         again = _joint_best(linear, again, best_first(proven))

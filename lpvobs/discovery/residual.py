@@ -9,7 +9,7 @@ import scipy
 from numpy.typing import NDArray
 
 from lpvobs.discovery import thresholds
-from lpvobs.discovery.courses import FactorSurface, Shape, TracedCourse, relay, state
+from lpvobs.discovery.courses import FactorSurface, Shape, TracedCourse, state
 from lpvobs.discovery.patterns import Patterns, Seeming
 from lpvobs.discovery.places import Places, blocks_of_logs, instants_of, kept_back, starts, stretches
 from lpvobs.engines.effects import SENSOR, Effect
@@ -211,12 +211,10 @@ class Problem(Places):
 
     def share(self, course: TracedCourse) -> Array:
         """Return the share of a course at the places, shape (K,)."""
-        if course.name == "lagged":
-            return course.of_state(self.state(course.input, course.time_constant))
-        if course.name == "hysteresis":
-            x, logs = self.channel(course.input), np.unique(self.of_log)
-            return np.concatenate([relay(x[self.of_log == i], course.low, course.high) for i in logs])
-        return course.share(self.clock, self.channel, float(self.clock[-1]) if course.in_time else np.inf)
+        if course.in_time:
+            return course.share(self.clock, self.channel, float(self.clock[-1]))
+        x, logs = self.channel(course.input), (self.of_log == i for i in np.unique(self.of_log))
+        return np.concatenate([course.share(self.clock[on], {course.input: x[on]}.__getitem__, np.inf) for on in logs])
 
     def mean(self, values: Array) -> Array:
         """Return values by column of the signals at the places: means over blocks, or of both views, shape (K,)."""

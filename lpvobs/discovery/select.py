@@ -83,7 +83,10 @@ def select(problem: Problem, progress: Callable[[float], None] = lambda _: None)
 
 def _each_once(found: Sequence[Candidate]) -> tuple[Candidate, ...]:
     """Return the first candidate of every name."""
-    return tuple({c.id: c for c in reversed(found)}[name] for name in dict.fromkeys(c.id for c in found))
+    first: dict[str, Candidate] = {}
+    for candidate in found:
+        first.setdefault(candidate.id, candidate)
+    return tuple(first.values())
 
 
 def _form_beats(search: _Search, once: Once) -> bool:
@@ -134,12 +137,7 @@ def _search(problem: Problem, progress: Callable[[float], None], once: Once, wit
         if is_relevant(found[0], linear) and not any(is_proven(c, linear) for c in found):
             found = (once(_beside_itself, linear, found[0]), *found[1:])
         if not (accepted or any(is_proven(c, linear) for c in found)):
-            courses: Sequence[Candidate] = once(on_courses, linear)
-            found = (
-                *(c for c in courses if is_proven(c, linear)),
-                *found,
-                *(c for c in courses if not is_proven(c, linear)),
-            )
+            found = (*found, *once(on_courses, linear))
         ranking = ranking or found
         best = next((c for c in found if is_proven(c, linear)), found[0])
         # More than what may be left: proven, where healthy drives tell how errors look.

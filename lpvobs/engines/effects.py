@@ -101,11 +101,7 @@ class Effect:
         inside = self.inside
         if inside is None:
             raise TypeError(f"the effect '{self.id}' has no constant inside")
-        return (
-            self
-            if value == inside.value
-            else replace(self, apply=inside.change(value), inside=replace(inside, value=value))
-        )
+        return replace(self, apply=inside.change(value), inside=replace(inside, value=value))
 
     @property
     def variants(self) -> tuple["Effect", ...]:

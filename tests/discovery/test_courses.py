@@ -108,9 +108,10 @@ def test_a_course_over_time_must_gain_what_its_search_costs_and_others_a_share_o
     """A gain that begins has 1000; two more parameters on 100 stretches cost 2 * 3 ln 100 = 27.6."""
 
     def candidate(id_, gain, course):
-        changes, plain = (3, 1)[course is None], SimpleNamespace(unusual=False)
-        term = SimpleNamespace(effect=plain, course=course)
-        return SimpleNamespace(id=id_, gain=gain, changes=changes, loss=np.zeros(100), from_start=False, term=term)
+        changes, term = (3, 1)[course is None], SimpleNamespace(course=course)
+        return SimpleNamespace(
+            id=id_, gain=gain, changes=changes, loss=np.zeros(100), from_start=False, price=0.0, term=term
+        )
 
     course = TracedCourse(kind, input="" if kind == "ramp" else "n_e")
     assert is_worth(candidate(name, gained, course), candidate("maf.gain", 1000.0, None)) == worth
