@@ -28,7 +28,9 @@ from population import driven, plant, population, prepare, write  # noqa: E402
 from verdicts2 import Seen, page  # noqa: E402
 
 from lpvobs.simulation.effects import CATALOGUE  # noqa: E402
+from lpvobs.simulation.plant import Plant, plant_of  # noqa: E402
 from lpvobs.simulation.simulate import SimulatedLog  # noqa: E402
+from lpvobs.simulation.structure import compressor_stage  # noqa: E402
 
 READINGS = ("W_maf", "p_im", "p_em", "omega_t", "T_im", "u_delta")
 FLOWS = ("W_egr", "W_ei", "W_leak")
@@ -155,7 +157,11 @@ class Bank:
             "piece": drive.piece,
             "length": drive.piece[2] - drive.piece[1],
             "change": change(log, plain) if drive.effects else 0.0,
-            "effects": [described(effect, log, plain) for effect in drive.effects if effect.id not in UNLISTED],
+            "effects": [
+                described(effect, log, plain, plant_of(*plant(engine)))
+                for effect in drive.effects
+                if effect.id not in UNLISTED
+            ],
             "channels": sorted(c for e in drive.effects if e.id in UNLISTED for c in UNLISTED[e.id][1]),
             "unlisted": [f"{e.id} {e.size:.3f}" for e in drive.effects if e.id in UNLISTED],
             "curve": true_curve(drive.effects[0], log, plant(engine)[0].compressor.R_c)
@@ -176,21 +182,23 @@ def change(log: SimulatedLog, plain: SimulatedLog) -> float:
     return float(max(each[at_work].mean() for each in moved)) if at_work.any() else 0.0
 
 
-def described(effect: Any, log: SimulatedLog, plain: SimulatedLog) -> dict[str, Any]:
+def described(effect: Any, log: SimulatedLog, plain: SimulatedLog, healthy: Plant) -> dict[str, Any]:
     """Return an effect for the page; where its law is not the catalogue's, with the size that comes nearest to it."""
     course = getattr(effect, "course", None)
     name = "always" if course is None else course.name
     return {
         "id": effect.id,
         "parameter": parameter_of(effect.id),
-        "value": equivalent(effect, log, plain),
+        "value": equivalent(effect, log, plain, healthy),
         "course": "step" if name == "always" and effect.onset else name,
         "onset": effect.onset,
     }
 
 
-def equivalent(effect: Any, log: SimulatedLog, plain: SimulatedLog) -> float:
+def equivalent(effect: Any, log: SimulatedLog, plain: SimulatedLog, healthy: Plant) -> float:
     """Return the catalogue's parameter: the effect's own, or by least squares of the true change against the catalogue's law."""
+    if effect.id == "compressor.flow":
+        return passing(effect.value, log, healthy)
     if hasattr(effect, "value"):
         return leaking(effect, log) if isinstance(effect.course, Hose) else float(effect.value)
     on, before = np.abs(log.truth["W_maf"] - plain.truth["W_maf"]) > 1e-7, plain.truth["W_maf"]
@@ -211,6 +219,16 @@ def equivalent(effect: Any, log: SimulatedLog, plain: SimulatedLog) -> float:
         lambda x: law(*x) - seen, begin, bounds=np.transpose(bounds), x_scale=begin, xtol=1e-12, ftol=1e-12
     )
     return float(best.x[0])
+
+
+def passing(share: float, log: SimulatedLog, healthy: Plant) -> float:
+    """Return what a fouled compressor passes over what the healthy one does, between the pressures that are logged."""
+    # Less flow loses less pressure in filter and intercooler, and so the compressor works at a lower ratio than a healthy one.
+    t, every = log.truth, slice(None, None, 20)
+    states = np.transpose([t[name][every] for name in ("p_im", "omega_t", "p_amb", "T_amb", "T_em")])
+    fouled = healthy._replace(condition=healthy.condition._replace(compressor_flow=share))
+    now, before = (np.array([compressor_stage(each, *x).W_c for x in states]) for each in (fouled, healthy))
+    return float(now @ before / (before @ before))
 
 
 def leaking(effect: Any, log: SimulatedLog) -> float:

@@ -11,6 +11,7 @@ from lpvobs.discovery.evidence import (
     Candidate,
     best_first,
     best_gain,
+    elsewhere_of,
     first_order_gain,
     fit_candidate,
     score,
@@ -87,6 +88,26 @@ def chance(candidate: Candidate, problem: Problem, wider: float = 1.0) -> float:
     hypotheses = len(problem.catalogue) * candidate.loss.size**candidate.changes
     effective = min(problem.seeming.degrees / max(1.0 - candidate.told, 1e-6) ** 2, 1e6)
     return float(min(1.0, hypotheses * scipy.stats.f.sf(statistic, 1, effective)))
+
+
+def structure(linear: Linear) -> float:
+    """Return the largest gain of any general effect that may have a size of its own in every block."""
+    return 0.5 * (elsewhere_of(linear) / linear.problem.seeming.uneven - 1.0) * linear.problem.coarse_blocks
+
+
+def chance_of_nothing(first: Linear, ranking: Sequence[Candidate]) -> float:
+    """Return the probability of the strongest candidate of all, or of such a structure in time, if nothing is there.
+
+    Noise is not all that a sound model leaves: its error, a share of the data, widens the distribution of every gain. The gain of a
+    formula has paid the price of its search.
+    """
+    problem, blocks = first.problem, first.problem.coarse_blocks
+    # In units of the variance by noise; where several healthy drives tell of the error, `Candidate.told` has it.
+    wider = 1.0 if problem.seeming.drives > 1 else 1.0 + thresholds.MODEL_ERROR * problem.data
+    single = min(chance(c, problem, wider) for c in ranking)
+    elsewhere = elsewhere_of(first) / problem.seeming.uneven
+    uneven = float(scipy.stats.chi2.sf(elsewhere * blocks / wider, blocks)) * len(problem.carriers)
+    return min(1.0, 2.0 * min(single, uneven))
 
 
 def best_of(linear: Linear) -> tuple[Candidate, ...]:

@@ -7,11 +7,10 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
-import scipy
 
 from lpvobs.discovery import thresholds
 from lpvobs.discovery.course_choice import comes_and_goes, on_courses, sharpened, timed_again
-from lpvobs.discovery.evidence import Candidate, dated_again, elsewhere_of, fit_candidate, in_place
+from lpvobs.discovery.evidence import Candidate, dated_again, fit_candidate, in_place
 from lpvobs.discovery.fit import fit, objective, refit, standard_errors, with_term, without
 from lpvobs.discovery.form_search import beside_forms, best_forms
 from lpvobs.discovery.forms import PREFIX
@@ -19,7 +18,7 @@ from lpvobs.discovery.held_out import Losses, compare, cross_validated, noise_po
 from lpvobs.discovery.inside import settled
 from lpvobs.discovery.joint_choice import Accepted, at_its_end, choose_again, choose_all_again, finished
 from lpvobs.discovery.linear import Linear, cancels, changed_by
-from lpvobs.discovery.ranking import best_of, chance, is_proven, is_relevant, uneven_share
+from lpvobs.discovery.ranking import best_of, chance_of_nothing, is_proven, is_relevant, structure, uneven_share
 from lpvobs.discovery.residual import Problem, Term
 from lpvobs.engines.effects import Effect
 from lpvobs.records import Array
@@ -64,8 +63,9 @@ def select(problem: Problem, progress: Callable[[float], None] = lambda _: None)
     # Where healthy drives tell how errors look, the probability of nothing is that of the verdict.
     if len(problem.patterns) and search.verdict != "effect":
         search = replace(search, verdict="unexplained" if nothing < thresholds.SIGNIFICANT else "none")
-    if search.verdict == "unexplained" or _form_beats(search, once):
-        search = _with_forms(problem, progress, once, search)
+    leader = _better_form(search, once)
+    if search.verdict == "unexplained" or leader is not None:
+        search = _with_forms(problem, progress, once, search, leader)
     accepted = search.accepted
     losses = compare(_bare(search.linear), search.linear)
     final = _with_all(search.linear)
@@ -89,18 +89,19 @@ def _each_once(found: Sequence[Candidate]) -> tuple[Candidate, ...]:
     return tuple(first.values())
 
 
-def _form_beats(search: _Search, once: Once) -> bool:
-    """Return whether one formula explains the logs better than what was named, or no worse than several names do."""
+def _better_form(search: _Search, once: Once) -> Candidate | None:
+    """Return the formula that explains the logs better than what was named, or no worse than several names do."""
     listed, problem = [c.id for c in search.accepted], search.first.problem
-    if not listed or any(name.startswith("channel:") for name in listed):
-        return False
+    channel = any(name.startswith("channel:") for name in listed)  # has as free a shape as a formula has
+    if not listed or (channel and not len(problem.patterns)):
+        return None
     left = objective(search.linear)
     if len(problem.patterns):
-        most = left + (len(listed) - 2) * thresholds.FORM_CLEAR
+        most = left + (-1 if channel else len(listed) - 2) * thresholds.FORM_CLEAR
     else:  # noise drops out of both, and what they leave can be compared
         most = left * (thresholds.FORM_OVER_ONE if len(listed) == 1 else thresholds.FORM_OVER_MORE)
     rivals = _forms_of(search, once)[: thresholds.SHORTLIST]
-    return any(objective(refit(search.linear, [c.term])) < most for c in rivals)
+    return next((c for c in rivals if objective(refit(search.linear, [c.term])) < most), None)
 
 
 def _forms_of(search: _Search, once: Once) -> Sequence[Candidate]:
@@ -110,9 +111,14 @@ def _forms_of(search: _Search, once: Once) -> Sequence[Candidate]:
     return forms
 
 
-def _with_forms(problem: Problem, progress: Callable[[float], None], once: Once, search: _Search) -> _Search:
-    """Return what the search comes to with formulas among the candidates; only where it proves one that leaves nothing."""
-    wider = _search(problem, progress, once, with_forms=True)
+def _with_forms(
+    problem: Problem, progress: Callable[[float], None], once: Once, search: _Search, leader: Candidate | None
+) -> _Search:
+    """Return what the search comes to with formulas among the candidates; only where it proves one that leaves nothing.
+
+    It begins with the formula that was better than what was named: beside the weights without either, it need not lead.
+    """
+    wider = _search(problem, progress, once, with_forms=True, leader=leader)
     few = len(wider.accepted) <= (len(search.accepted) or 3)
     form = few and any(c.id.startswith(PREFIX) for c in wider.accepted)
     learned = len(problem.patterns) > 0  # what is left is then mostly what healthy drives leave, too
@@ -121,10 +127,18 @@ def _with_forms(problem: Problem, progress: Callable[[float], None], once: Once,
     ):
         rivals = tuple(c.term.effect for c in wider.ranking if c.id.startswith(PREFIX))
         return replace(wider, ranking=search.ranking, forms=rivals)
+    if learned and leader is not None:  # nor is it what was named
+        return _Search("unexplained", [], search.first, search.first, search.ranking, wider.accepted)
     return replace(search, on_the_way=wider.on_the_way) if search.verdict == "unexplained" else search
 
 
-def _search(problem: Problem, progress: Callable[[float], None], once: Once, with_forms: bool = False) -> _Search:
+def _search(
+    problem: Problem,
+    progress: Callable[[float], None],
+    once: Once,
+    with_forms: bool = False,
+    leader: Candidate | None = None,
+) -> _Search:
     """Return what the search comes to; kept stretches take no part."""
     before = linear = once(fit, problem)
     ranking: Sequence[Candidate] = ()
@@ -134,6 +148,8 @@ def _search(problem: Problem, progress: Callable[[float], None], once: Once, wit
         found = once(best_of, linear)
         if with_forms:
             found = beside_forms(linear, found, once(best_forms, linear, found))
+        if leader is not None and not accepted:
+            found = (leader, *found)
         if is_relevant(found[0], linear) and not any(is_proven(c, linear) for c in found):
             found = (once(_beside_itself, linear, found[0]), *found[1:])
         if not (accepted or any(is_proven(c, linear) for c in found)):
@@ -204,26 +220,6 @@ def _with_all(linear: Linear) -> Linear:
 def _with_term(linear: Linear, i: int, term: Term) -> Linear:
     """Return the model with another term in one place."""
     return linear if term == linear.terms[i] else with_term(linear, i, term)
-
-
-def structure(linear: Linear) -> float:
-    """Return the largest gain of any general effect that may have a size of its own in every block."""
-    return 0.5 * (elsewhere_of(linear) / linear.problem.seeming.uneven - 1.0) * linear.problem.coarse_blocks
-
-
-def chance_of_nothing(first: Linear, ranking: Sequence[Candidate]) -> float:
-    """Return the probability of the strongest candidate of all, or of such a structure in time, if nothing is there.
-
-    Noise is not all that a sound model leaves: its error, a share of the data, widens the distribution of every gain. The gain of a
-    formula has paid the price of its search.
-    """
-    problem, blocks = first.problem, first.problem.coarse_blocks
-    # In units of the variance by noise; where several healthy drives tell of the error, `Candidate.told` has it.
-    wider = 1.0 if problem.seeming.drives > 1 else 1.0 + thresholds.MODEL_ERROR * problem.data
-    single = min(chance(c, problem, wider) for c in ranking)
-    elsewhere = elsewhere_of(first) / problem.seeming.uneven
-    uneven = float(scipy.stats.chi2.sf(elsewhere * blocks / wider, blocks)) * len(problem.carriers)
-    return min(1.0, 2.0 * min(single, uneven))
 
 
 def _predicts_better(before: Linear, after: Linear) -> bool:

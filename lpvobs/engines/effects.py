@@ -95,6 +95,9 @@ class Effect:
     moves_point: bool = False  # whether it changes the operating point at which the map is read
     needs: tuple[str, ...] = ()  # channels without which a log cannot show it
     inside: Inside | None = None
+    # share by which its size may be off where the engine is not its model, if more than `thresholds.SHAPE` squared: nothing is
+    # learned of the slope by it
+    unlearned: float = 0.0
 
     def having(self, value: float) -> "Effect":
         """Return the effect with another value of the constant inside it; raises TypeError if there is none."""

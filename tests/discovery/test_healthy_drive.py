@@ -32,10 +32,10 @@ from lpvobs.discovery.imbalances import (
     residual_of,
     scenes_with,
 )
-from lpvobs.discovery.ranking import least_gain
+from lpvobs.discovery.ranking import chance_of_nothing, least_gain
 from lpvobs.discovery.refine import refine
 from lpvobs.discovery.residual import MapPrior, Term, lay_out
-from lpvobs.discovery.select import _beside_itself, chance_of_nothing
+from lpvobs.discovery.select import _beside_itself
 from lpvobs.discovery.thresholds import PROVEN, SHAPE, TOLD
 from lpvobs.io.results.mapping import read, write
 from lpvobs.simulation.parameters import ErrorSurface

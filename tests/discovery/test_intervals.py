@@ -8,6 +8,7 @@ import scipy.stats
 
 from lpvobs.discovery.fit import between_windows, fit, pins, spread_of_sums, standard_errors, widened
 from lpvobs.discovery.linear import Term
+from lpvobs.discovery.thresholds import RESPONSE
 
 
 def test_the_spread_of_sums_is_the_variance_of_what_is_independent():
@@ -38,6 +39,17 @@ def test_the_choice_of_window_is_part_of_it(stepped):
     (moved,) = between_windows(stepped)
     assert moved != 0.0
     assert standard_errors(stepped)[0] >= np.sqrt(0.5) * abs(moved)
+
+
+def test_a_slope_that_nothing_learned_corrects_is_part_of_it(stepped):
+    (term,), model = stepped.terms, stepped.problem.model
+    learned = replace(stepped.problem, model=replace(model, healthy=object()))  # anything: the engine is not its model
+    usual, wide = (
+        float(standard_errors(replace(stepped, problem=learned, terms=(with_share,)))[0])
+        for with_share in (term, replace(term, effect=replace(term.effect, unlearned=0.25)))
+    )
+    added = (term.size - 1.0) * np.sqrt(0.25**2 - RESPONSE**2)
+    assert np.sqrt(wide**2 - usual**2) == pytest.approx(added, rel=0.05)  # the quantile differs a little
 
 
 def test_a_pinned_constant_is_not_a_known_one(stepped):

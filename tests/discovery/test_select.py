@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy
 
-from lpvobs.discovery import select
+from lpvobs.discovery import ranking, select
 from lpvobs.discovery.evidence import Candidate
 from lpvobs.discovery.held_out import Losses
 from lpvobs.discovery.patterns import Seeming
@@ -89,19 +89,46 @@ def test_an_effect_is_proven_by_what_is_left_beside_healthy_variation_and_matter
 
 @pytest.mark.parametrize(("uneven", "left"), [(1.0, True), (2.5, False)])
 def test_what_changes_from_block_to_block_must_change_more_than_on_healthy_drives(monkeypatch, uneven, left):
-    monkeypatch.setattr(select, "elsewhere_of", lambda _: 2.4)
+    monkeypatch.setattr(ranking, "elsewhere_of", lambda _: 2.4)
     problem = SimpleNamespace(seeming=Seeming(uneven=uneven), coarse_blocks=48.0)
-    assert (select.structure(SimpleNamespace(problem=problem)) > 0.0) == left
+    assert (ranking.structure(SimpleNamespace(problem=problem)) > 0.0) == left
 
 
-@pytest.mark.parametrize(("formula", "beats"), [(71.0, False), (69.0, True)])
-def test_a_formula_takes_the_place_of_one_effect_where_it_gains_clearly_more(monkeypatch, formula, beats):
+@pytest.mark.parametrize(
+    ("names", "formula", "beats"),
+    [
+        (["leak.inlet"], 71.0, False),
+        (["leak.inlet"], 69.0, True),
+        (["leak.inlet", "maf.lag"], 99.0, True),
+        (["channel:T_charge", "maf.lag"], 71.0, False),
+        (["channel:T_charge", "maf.lag"], 69.0, True),
+    ],
+)
+def test_a_formula_takes_the_place_of_what_is_named_where_it_gains_clearly_more(monkeypatch, names, formula, beats):
     first = SimpleNamespace(problem=SimpleNamespace(patterns=(1,)))
-    search = select._Search("effect", [SimpleNamespace(id="leak.inlet")], 100.0, first, ())
-    monkeypatch.setattr(select, "_forms_of", lambda *_: [SimpleNamespace(term=None)])
+    search = select._Search("effect", [SimpleNamespace(id=name) for name in names], 100.0, first, ())
+    rival = SimpleNamespace(term=None)
+    monkeypatch.setattr(select, "_forms_of", lambda *_: [rival])
     monkeypatch.setattr(select, "objective", lambda linear: linear)
     monkeypatch.setattr(select, "refit", lambda *_: formula)  # FORM_CLEAR below 100
-    assert select._form_beats(search, None) == beats
+    assert (select._better_form(search, None) is rival) == beats
+
+
+@pytest.mark.parametrize(
+    ("names", "verdict"),
+    [(["form:a"], "effect"), (["form:a", "maf.delay"], "unexplained"), (["maf.delay"], "unexplained")],
+)
+def test_a_name_that_a_formula_surpasses_is_given_up_even_where_the_formula_does_not_stand_alone(
+    monkeypatch, names, verdict
+):
+    problem = SimpleNamespace(patterns=(1,))
+    search = select._Search("effect", [SimpleNamespace(id="maf.delay")], None, SimpleNamespace(problem=problem), ())
+    wider = [SimpleNamespace(id=name) for name in names]
+    monkeypatch.setattr(select, "_search", lambda *_, **__: select._Search("effect", wider, None, search.first, ()))
+    found = select._with_forms(problem, None, None, search, SimpleNamespace())
+    assert found.verdict == verdict
+    assert [c.id for c in found.accepted] == (names if verdict == "effect" else [])
+    assert [c.id for c in found.on_the_way] == ([] if verdict == "effect" else names)  # it is handed over
 
 
 def test_an_effect_is_judged_by_the_weights_beside_it_before_it_is_given_up(monkeypatch):

@@ -221,9 +221,16 @@ CATALOGUE = (
     *(_SHARED[name] for name in ("T_im.lag", "leak.intake", "egr.leak", "egr.area", "eta_vol.factor")),
     Effect("compressor.flow", "factor", "1", 1.0, 0.03, 0.6, 1.3, "compressor", lacking(_LACKS, "compressor"), BOOST),
     Effect("turbine.efficiency", "factor", "1", 1.0, 0.03, 0.5, 1.5, "turbine", lacking(_LACKS, "turbine"), BOOST),
-    Effect("exhaust.restriction", "factor", "1", 1.0, 0.5, 0.3, 10.0, "exhaust", lacking(_LACKS, "exhaust"), BOOST),
-)
-"""The effects in the order in which they are undone: the last one on the way into the log comes first."""
+    Effect(
+        "exhaust.restriction", "factor", "1", 1.0, 0.5, 0.3, 10.0, "exhaust", lacking(_LACKS, "exhaust"), BOOST,
+        unlearned=0.25,
+    ),
+)  # fmt: skip
+"""The effects in the order in which they are undone: the last one on the way into the log comes first.
+
+Back pressure acts through the square of the turbine's flow, which no calibration corrects. Where turbines of another form swallowed
+12 % less than their model, its sizes came out 18 to 24 % too small.
+"""
 _BY_NAME = {effect.id: effect for effect in CATALOGUE}
 CURVES = (
     ComponentCurve("eta_vol.curve", _BY_NAME["eta_vol.factor"], 0.03, {"n_e": SPEED, "p_im": PRESSURE}, (500.0, 5e4)),
