@@ -232,8 +232,8 @@ CATALOGUE = (
 """The effects in the order in which they are undone: the last one on the way into the log comes first.
 
 What acts on power and flow of the turbocharger has a slope that no calibration corrects. Back pressure goes with the square of the
-turbine's flow: where turbines of another form swallowed 12 % less than their model, its sizes came out 18 to 24 % too small. The size
-of `compressor.flow` came out 11 to 22 % too small, most of it by the balance of power.
+turbine's flow: where turbines of another form swallowed 12 % less than their model, its sizes came out 18 to 24 % too small.
+Those of `compressor.flow` came out 11 to 22 % too small, mostly by the balance of power.
 """
 _BY_NAME = {effect.id: effect for effect in CATALOGUE}
 CURVES = (
