@@ -121,14 +121,18 @@ class _Products:
         return _Tried(gain - float(self.price(form.unknowns, gain)), form, lot)
 
 
-def beside_forms(linear: Linear, found: Sequence[Candidate], forms: Sequence[Candidate]) -> list[Candidate]:
-    """Return all candidates, best first, forms among them."""
+def beside_forms(
+    linear: Linear, found: Sequence[Candidate], forms: Sequence[Candidate], leader: Candidate | None = None
+) -> list[Candidate]:
+    """Return all candidates, best first, forms among them; those come first where there is a `leader`."""
     # Where a form leads, forms are sought again with the weights that hold beside it: before, what it explains counts as
     # noise.
-    if forms and score(forms[0]) > score(found[0]):
-        beside = fit(linear.problem, [*linear.terms, forms[0].term], start=linear)
-        return [*best_forms(refit(beside, beside.terms[:-1]), found), *found]
-    return best_first([*found, *forms])
+    if leader is None and forms and score(forms[0]) > score(found[0]):
+        leader = forms[0]
+    if leader is None:
+        return best_first([*found, *forms])
+    beside = fit(linear.problem, [*linear.terms, leader.term], start=linear)
+    return [*best_forms(refit(beside, beside.terms[:-1]), found), *found]
 
 
 def best_forms(linear: Linear, found: Sequence[Candidate]) -> list[Candidate]:

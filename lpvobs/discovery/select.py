@@ -63,8 +63,9 @@ def select(problem: Problem, progress: Callable[[float], None] = lambda _: None)
     # Where healthy drives tell how errors look, the probability of nothing is that of the verdict.
     if len(problem.patterns) and search.verdict != "effect":
         search = replace(search, verdict="unexplained" if nothing < thresholds.SIGNIFICANT else "none")
-    leader = _better_form(search, once)
-    if search.verdict == "unexplained" or leader is not None:
+    rival, clearly = _rival_form(search, once)
+    if search.verdict == "unexplained" or rival is not None:
+        leader = rival if clearly and nothing < thresholds.SIGNIFICANT else None
         search = _with_forms(problem, progress, once, search, leader)
     accepted = search.accepted
     losses = compare(_bare(search.linear), search.linear)
@@ -89,19 +90,25 @@ def _each_once(found: Sequence[Candidate]) -> tuple[Candidate, ...]:
     return tuple(first.values())
 
 
-def _better_form(search: _Search, once: Once) -> Candidate | None:
-    """Return the formula that explains the logs better than what was named, or no worse than several names do."""
-    listed, problem = [c.id for c in search.accepted], search.first.problem
+def _rival_form(search: _Search, once: Once) -> tuple[Candidate | None, bool]:
+    """Return the formula that explains the logs better than what was named, or no worse than several names do.
+
+    The second value is whether healthy drives tell that it explains clearly more, whatever the number of names.
+    """
+    listed, learned = [c.id for c in search.accepted], len(search.first.problem.patterns) > 0
     channel = any(name.startswith("channel:") for name in listed)  # has as free a shape as a formula has
-    if not listed or (channel and not len(problem.patterns)):
-        return None
-    left = objective(search.linear)
-    if len(problem.patterns):
-        most = left + (-1 if channel else len(listed) - 2) * thresholds.FORM_CLEAR
-    else:  # noise drops out of both, and what they leave can be compared
+    rivals = _forms_of(search, once)[: thresholds.SHORTLIST] if listed and (learned or not channel) else ()
+    if not rivals:
+        return None, False
+    left, each = objective(search.linear), [objective(refit(search.linear, [c.term])) for c in rivals]
+    best = rivals[int(np.argmin(each))]
+    if not learned:  # noise drops out of both, and what they leave can be compared
         most = left * (thresholds.FORM_OVER_ONE if len(listed) == 1 else thresholds.FORM_OVER_MORE)
-    rivals = _forms_of(search, once)[: thresholds.SHORTLIST]
-    return next((c for c in rivals if objective(refit(search.linear, [c.term])) < most), None)
+        return best if min(each) < most else None, False
+    # no cause has quite the catalogue's shape, and leaves that share to another one
+    clear = max(thresholds.FORM_CLEAR, thresholds.SHAPE**2 * (objective(_bare(search.linear)) - left))
+    most = left - clear if channel else left + (len(listed) - 2) * thresholds.FORM_CLEAR
+    return best if min(each) < most else None, min(each) < left - clear
 
 
 def _forms_of(search: _Search, once: Once) -> Sequence[Candidate]:
@@ -116,7 +123,8 @@ def _with_forms(
 ) -> _Search:
     """Return what the search comes to with formulas among the candidates; only where it proves one that leaves nothing.
 
-    It begins with the formula that was better than what was named: beside the weights without either, it need not lead.
+    `leader` is a formula that explains clearly more than what was named. The search begins with it. Where it does not end with
+    formulas that are few enough, nothing is named.
     """
     wider = _search(problem, progress, once, with_forms=True, leader=leader)
     few = len(wider.accepted) <= (len(search.accepted) or 3)
@@ -127,8 +135,9 @@ def _with_forms(
     ):
         rivals = tuple(c.term.effect for c in wider.ranking if c.id.startswith(PREFIX))
         return replace(wider, ranking=search.ranking, forms=rivals)
-    if learned and leader is not None:  # nor is it what was named
-        return _Search("unexplained", [], search.first, search.first, search.ranking, wider.accepted)
+    way = wider.accepted or wider.on_the_way
+    if leader is not None and any(c.id.startswith(PREFIX) for c in way):
+        return _Search("unexplained", [], search.first, search.first, search.ranking, (leader, *way))
     return replace(search, on_the_way=wider.on_the_way) if search.verdict == "unexplained" else search
 
 
@@ -147,9 +156,7 @@ def _search(
         progress(0.05 + 0.85 * step / thresholds.MOST_EFFECTS)
         found = once(best_of, linear)
         if with_forms:
-            found = beside_forms(linear, found, once(best_forms, linear, found))
-        if leader is not None and not accepted:
-            found = (leader, *found)
+            found = beside_forms(linear, found, once(best_forms, linear, found), None if accepted else leader)
         if is_relevant(found[0], linear) and not any(is_proven(c, linear) for c in found):
             found = (once(_beside_itself, linear, found[0]), *found[1:])
         if not (accepted or any(is_proven(c, linear) for c in found)):

@@ -95,40 +95,76 @@ def test_what_changes_from_block_to_block_must_change_more_than_on_healthy_drive
 
 
 @pytest.mark.parametrize(
-    ("names", "formula", "beats"),
+    ("names", "formula", "rival", "clearly"),
     [
-        (["leak.inlet"], 71.0, False),
-        (["leak.inlet"], 69.0, True),
-        (["leak.inlet", "maf.lag"], 99.0, True),
-        (["channel:T_charge", "maf.lag"], 71.0, False),
-        (["channel:T_charge", "maf.lag"], 69.0, True),
+        (["leak.inlet"], 71.0, False, False),
+        (["leak.inlet"], 69.0, True, True),
+        (["leak.inlet", "maf.lag"], 101.0, False, False),
+        (["leak.inlet", "maf.lag"], 99.0, True, False),  # one formula is simpler, but the names may be right
+        (["leak.inlet", "maf.lag"], 69.0, True, True),
+        (["leak.inlet", "maf.lag", "egr.area"], 129.0, True, False),
+        (["channel:T_charge", "maf.lag"], 71.0, False, False),
+        (["channel:T_charge", "maf.lag"], 69.0, True, True),
     ],
 )
-def test_a_formula_takes_the_place_of_what_is_named_where_it_gains_clearly_more(monkeypatch, names, formula, beats):
+@pytest.mark.parametrize("nothing", [300.0, 1000.0])  # without any name; an eighth of 900 is what a shape may cost
+def test_a_formula_rivals_what_is_named_where_it_explains_enough(monkeypatch, names, formula, rival, clearly, nothing):
     first = SimpleNamespace(problem=SimpleNamespace(patterns=(1,)))
     search = select._Search("effect", [SimpleNamespace(id=name) for name in names], 100.0, first, ())
-    rival = SimpleNamespace(term=None)
-    monkeypatch.setattr(select, "_forms_of", lambda *_: [rival])
+    best, worse = SimpleNamespace(term=formula), SimpleNamespace(term=formula + 1.0)
+    monkeypatch.setattr(select, "_forms_of", lambda *_: [worse, best])
     monkeypatch.setattr(select, "objective", lambda linear: linear)
-    monkeypatch.setattr(select, "refit", lambda *_: formula)  # FORM_CLEAR below 100
-    assert (select._better_form(search, None) is rival) == beats
+    monkeypatch.setattr(select, "_bare", lambda _: nothing)
+    monkeypatch.setattr(select, "refit", lambda _, terms: terms[0])
+    found, is_clear = select._rival_form(search, None)
+    if nothing == 1000.0:  # SHAPE^2 * 900 = 110: more than all that is left
+        rival, clearly = rival and not names[0].startswith("channel:"), False
+    assert found is (best if rival else None)
+    assert is_clear == clearly
 
 
 @pytest.mark.parametrize(
-    ("names", "verdict"),
-    [(["form:a"], "effect"), (["form:a", "maf.delay"], "unexplained"), (["maf.delay"], "unexplained")],
+    ("accepted", "way", "verdict"),
+    [
+        (["form:a"], [], "effect"),
+        (["form:a", "maf.delay"], [], "unexplained"),
+        ([], ["form:a", "egr.leak"], "unexplained"),
+        (["maf.delay"], [], "as before"),  # the formula was not proven
+        ([], [], "as before"),
+    ],
 )
-def test_a_name_that_a_formula_surpasses_is_given_up_even_where_the_formula_does_not_stand_alone(
-    monkeypatch, names, verdict
-):
-    problem = SimpleNamespace(patterns=(1,))
-    search = select._Search("effect", [SimpleNamespace(id="maf.delay")], None, SimpleNamespace(problem=problem), ())
-    wider = [SimpleNamespace(id=name) for name in names]
-    monkeypatch.setattr(select, "_search", lambda *_, **__: select._Search("effect", wider, None, search.first, ()))
-    found = select._with_forms(problem, None, None, search, SimpleNamespace())
-    assert found.verdict == verdict
-    assert [c.id for c in found.accepted] == (names if verdict == "effect" else [])
-    assert [c.id for c in found.on_the_way] == ([] if verdict == "effect" else names)  # it is handed over
+def test_a_name_that_a_formula_surpasses_is_given_up_where_the_formula_is_proven(monkeypatch, accepted, way, verdict):
+    named = [SimpleNamespace(id="maf.delay")]
+    search = select._Search("effect", named, None, SimpleNamespace(problem=SimpleNamespace(patterns=(1,))), ("ranked",))
+    leader, accepted, way = SimpleNamespace(id="form:a"), *([SimpleNamespace(id=i) for i in x] for x in (accepted, way))
+    wider = select._Search("any", accepted, None, search.first, (), way)
+    monkeypatch.setattr(select, "_search", lambda *_, **given: wider if given["leader"] is leader else None)
+    found = select._with_forms(search.first.problem, None, None, search, leader)
+    if verdict == "as before":
+        assert found is search
+    elif verdict == "effect":
+        assert (found.accepted, found.ranking) == (accepted, search.ranking)
+    else:
+        assert (found.verdict, found.accepted, found.ranking) == ("unexplained", [], search.ranking)
+        assert found.on_the_way == (leader, *(accepted or way))  # it is handed over, the formula first
+
+
+def test_the_search_begins_with_the_formula_that_leads(monkeypatch):
+    listed, leader, again = (SimpleNamespace(id=name, changes=0) for name in ("maf.delay", "form:a", "form:a"))
+    tried = []
+    linear = SimpleNamespace(terms=())
+    for name, value in (("fit", linear), ("best_of", (listed,)), ("is_relevant", True), ("structure", 0.0)):
+        monkeypatch.setattr(select, name, lambda *_, value=value: value)
+    monkeypatch.setattr(select, "best_forms", lambda *_: ())
+    monkeypatch.setattr(select, "is_proven", lambda *_: True)
+    monkeypatch.setattr(
+        select, "beside_forms", lambda _, found, __, first: [again, *found] if first is leader else [*found]
+    )
+    monkeypatch.setattr(select, "_with_one_more", lambda _, best, __: tried.append(best))
+    problem = SimpleNamespace(patterns=(1,), data=1000.0)
+    for first in (leader, None):
+        select._search(problem, lambda _: None, lambda work, *on: work(*on), with_forms=True, leader=first)
+    assert tried == [again, listed]
 
 
 def test_an_effect_is_judged_by_the_weights_beside_it_before_it_is_given_up(monkeypatch):

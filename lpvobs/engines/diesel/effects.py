@@ -231,7 +231,7 @@ CATALOGUE = (
 )  # fmt: skip
 """The effects in the order in which they are undone: the last one on the way into the log comes first.
 
-What acts on power and flow of the turbocharger has a slope that no calibration corrects. Back pressure goes with the square of the
+The balances respond to two of them through the turbine, which bench points do not show. Back pressure goes with the square of the
 turbine's flow: where turbines of another form swallowed 12 % less than their model, its sizes came out 18 to 24 % too small.
 Those of `compressor.flow` came out 11 to 22 % too small, mostly by the balance of power.
 """
