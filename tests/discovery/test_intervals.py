@@ -8,7 +8,7 @@ import scipy.stats
 
 from lpvobs.discovery.fit import between_windows, fit, pins, spread_of_sums, standard_errors, widened
 from lpvobs.discovery.linear import Term
-from lpvobs.discovery.thresholds import RESPONSE
+from lpvobs.discovery.thresholds import RESPONSE, SHAPE
 
 
 def test_the_spread_of_sums_is_the_variance_of_what_is_independent():
@@ -41,15 +41,25 @@ def test_the_choice_of_window_is_part_of_it(stepped):
     assert standard_errors(stepped)[0] >= np.sqrt(0.5) * abs(moved)
 
 
-def test_a_slope_that_nothing_learned_corrects_is_part_of_it(stepped):
-    (term,), model = stepped.terms, stepped.problem.model
-    learned = replace(stepped.problem, model=replace(model, healthy=object()))  # anything: the engine is not its model
-    usual, wide = (
-        float(standard_errors(replace(stepped, problem=learned, terms=(with_share,)))[0])
-        for with_share in (term, replace(term, effect=replace(term.effect, unlearned=0.25)))
+@pytest.mark.parametrize(
+    ("told", "usual_share"), [("by its logs", RESPONSE), ("by healthy drives", SHAPE**2), ("not", 0.0)]
+)
+def test_a_response_that_nothing_shows_is_part_of_it_where_the_engine_is_not_its_model(
+    stepped, monkeypatch, told, usual_share
+):
+    (term,), problem = stepped.terms, stepped.problem
+    if told == "by its logs":
+        problem = replace(problem, model=replace(problem.model, healthy=object()))
+    elif told == "by healthy drives":
+        monkeypatch.setattr(type(problem.patterns), "__len__", lambda _: 1)
+        monkeypatch.setattr("lpvobs.discovery.fit.between_windows", lambda _: np.zeros(1))
+        monkeypatch.setattr("lpvobs.discovery.fit._variance", lambda *_: 1e-8)
+    known, unknown = (
+        float(standard_errors(replace(stepped, problem=problem, terms=(each,)))[0])
+        for each in (term, replace(term, effect=replace(term.effect, unlearned=0.25)))
     )
-    added = (term.size - 1.0) * np.sqrt(0.25**2 - RESPONSE**2)
-    assert np.sqrt(wide**2 - usual**2) == pytest.approx(added, rel=0.05)  # the quantile differs a little
+    added = (term.size - 1.0) * np.sqrt(0.25**2 - usual_share**2) if usual_share else 0.0
+    assert np.sqrt(unknown**2 - known**2) == pytest.approx(added, rel=0.05)  # the quantile differs a little
 
 
 def test_a_pinned_constant_is_not_a_known_one(stepped):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy
 
-from lpvobs.discovery import ranking, select
+from lpvobs.discovery import form_search, ranking, select
 from lpvobs.discovery.evidence import Candidate
 from lpvobs.discovery.held_out import Losses
 from lpvobs.discovery.patterns import Seeming
@@ -165,6 +165,28 @@ def test_the_search_begins_with_the_formula_that_leads(monkeypatch):
     for first in (leader, None):
         select._search(problem, lambda _: None, lambda work, *on: work(*on), with_forms=True, leader=first)
     assert tried == [again, listed]
+
+
+@pytest.mark.parametrize(
+    ("given", "gain", "first"), [(True, 5.0, "form:b"), (False, 20.0, "form:b"), (False, 5.0, "maf.delay")]
+)
+def test_formulas_are_sought_again_beside_the_one_that_leads(monkeypatch, given, gain, first):
+    def candidate(name, value):
+        effect = SimpleNamespace(id=name, unusual=False)
+        term = SimpleNamespace(effect=effect, course=None, begin=-np.inf, end=np.inf)
+        return Candidate(term, value, 1.0, 1.0, np.zeros(9), 1.0, False, 1.0)
+
+    listed, form = candidate("maf.delay", 10.0), candidate("form:a", gain)
+    beside = []
+    monkeypatch.setattr(
+        form_search, "fit", lambda _, terms, start: beside.append(terms) or SimpleNamespace(terms=terms)
+    )
+    monkeypatch.setattr(form_search, "refit", lambda linear, terms: linear)
+    monkeypatch.setattr(form_search, "best_forms", lambda *_: [candidate("form:b", 1.0)])
+    linear = SimpleNamespace(problem=None, terms=())
+    found = form_search.beside_forms(linear, [listed], [form], form if given else None)
+    assert found[0].id == first
+    assert beside == ([[form.term]] if first == "form:b" else [])
 
 
 def test_an_effect_is_judged_by_the_weights_beside_it_before_it_is_given_up(monkeypatch):
