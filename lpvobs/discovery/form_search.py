@@ -26,6 +26,7 @@ from lpvobs.records import Array
 
 COARSE_STEPS = (0.7, 0.84, 1.19, 1.41)
 FINE_STEPS = (0.92, 0.96, 1.04, 1.08)  # factors on the lag of a form that are tried around the best one
+LEAST = float(np.sqrt(np.finfo(float).tiny))  # [1] of a channel over its mean, so that it divides others
 
 
 @dataclass(frozen=True)
@@ -208,7 +209,8 @@ def _library(problem: Problem) -> _Products:
     values = {name: recorded_at(problem, name) for name in channels if NAME.fullmatch(name)}
     moving = [name for name, x in values.items() if np.std(x) > thresholds.STANDS * abs(np.mean(x))]
     units = problem.model.units
-    positive = [name for name in moving if values[name].min() > 0.0 and units.get(name)]
+    # a valve that closes without steps comes down to 1e-300 %, and the square of a ratio to it is no number
+    positive = [name for name in moving if values[name].min() > LEAST * values[name].mean() and units.get(name)]
     ratios = [f"{a}/{b}" for i, a in enumerate(positive) for b in positive[:i] if units[a] == units[b]]
     names = (*moving, *ratios, TIME)
     dynamic = [Factor(name, "rate") for name in names[:-1]]

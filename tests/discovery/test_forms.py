@@ -90,6 +90,21 @@ def test_a_formula_that_holds_at_no_place_ends_no_search(laid_out, clean, monkey
     assert [c.id for c in form_search.beside_forms(linear, found, [])] == [c.id for c in found]
 
 
+@pytest.mark.parametrize(("least", "divides"), [(1e-3, True), (1e-320, False)])
+def test_what_comes_down_to_nothing_divides_no_other_channel(laid_out, clean, least, divides):
+    """The vanes of a closing turbine came down to 6e-323 %, and the products of the search overflowed."""
+    problem = laid_out(clean)
+    vanes = np.geomspace(50.0, least, problem.K)
+    problem = replace(
+        problem,
+        auxiliary={"vanes": vanes, "valve": 50.0 + np.sin(problem.time)},
+        model=replace(problem.model, units={**UNITS, "vanes": "%", "valve": "%"}),
+    )
+    library = form_search._library(problem)
+    assert ("valve/vanes" in library.names) == divides
+    assert np.isfinite(library.shapes**2).all()
+
+
 def test_a_log_without_the_channel_is_refused(clean):
     with pytest.raises(DataError, match="drive: channel 'T_oil' is missing"):
         along_log(WARM, clean, clean.time)
