@@ -170,10 +170,10 @@ def changed_by(linear: Linear, index: int) -> Array:
 
 
 def cancels(linear: Linear, one: int, other: int) -> bool:
-    """Return whether one term, while it acts, changes the residual nearer to opposite to the other than to perpendicular."""
+    """Return whether two terms together, while the first one acts, change the residual less than either of them alone."""
     a, b = (linear.whiten(changed_by(linear, i)) for i in (one, other))
     b = b * np.any(a != 0.0, axis=(0, 1))
-    return bool(dot(a, b) < -np.sqrt(0.5 * max(dot(a, a) * dot(b, b), 0.0)))
+    return dot(a, b) < -0.5 * max(dot(a, a), dot(b, b), 0.0)
 
 
 @njit(cache=True)

@@ -80,12 +80,14 @@ def chance(candidate: Candidate, problem: Problem, wider: float = 1.0) -> float:
     """Return the probability of such a gain by chance, after all effects and intervals that were tried (Bonferroni).
 
     A curve's coefficients and a formula's search have paid a price, and do not compete; an unusual constant inside pays it here.
-    `wider` is the variance of a gain, in that of noise. Healthy drives tell how far sizes vary beyond noise: the smaller the part
-    of noise, the nearer is the distribution to Student's with as many degrees of freedom as there are drives (Satterthwaite).
+    Ends of an interval nearer than `LEAST_LENGTH` have the same data, and count as one. `wider` is the variance of a gain, in that
+    of noise. Healthy drives tell how far sizes vary beyond noise: the smaller the part of noise, the nearer is the distribution to
+    Student's with as many degrees of freedom as there are drives (Satterthwaite).
     """
     gain = max(candidate.gain - candidate.price, 0.0)
     statistic = 2.0 * candidate.told * (gain / wider) / max(candidate.unevenness, 1.0)
-    hypotheses = len(problem.catalogue) * candidate.loss.size**candidate.changes
+    ends = max(candidate.loss.size / thresholds.LEAST_LENGTH, 1.0)
+    hypotheses = len(problem.catalogue) * ends**candidate.changes
     effective = min(problem.seeming.degrees / max(1.0 - candidate.told, 1e-6) ** 2, 1e6)
     return float(min(1.0, hypotheses * scipy.stats.f.sf(statistic, 1, effective)))
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from lpvobs.discovery.known_effects import own_time
 from lpvobs.discovery.linear import Linear
-from lpvobs.discovery.thresholds import LAGS, LARGE, LEAST_VISIT, MOST_NAMED, NOTABLE, SIGNIFICANT
+from lpvobs.discovery.thresholds import COLOURED, LAGS, LARGE, LEAST_VISIT, MOST_NAMED, NOTABLE
 from lpvobs.kinds import Finite
 from lpvobs.maps.excitation import cell_numbers
 from lpvobs.records import Array, Item, Log
@@ -109,7 +109,7 @@ def whiteness(residual: Array, first: NDArray[np.int64], signals: Mapping[str, A
     found = [portmanteau(row) for row in sums]
     rho, band, p = (np.array([item[i] for item in found]) for i in range(3))
     distance = np.array([periodogram_distance(row) for row in sums])
-    coloured = (p < SIGNIFICANT) & (np.abs(rho).max(1) > NOTABLE)
+    coloured = (p < COLOURED) & (np.abs(rho).max(1) > NOTABLE)
     return Whiteness(
         white=not bool(coloured.any()),
         autocorrelation=rho,
@@ -172,7 +172,7 @@ def correlation(x: Array, y: Array, lag: int) -> tuple[float, float]:
 
 def times_noise(tests: int) -> float:
     """Return how many standard deviations a correlation must have to count, where so many are looked at."""
-    return float(scipy.stats.norm.isf(0.5 * SIGNIFICANT / max(1, tests)))
+    return float(scipy.stats.norm.isf(0.5 * COLOURED / max(1, tests)))
 
 
 def structure(linear: Linear, on: NDArray[np.bool_] | slice = slice(None)) -> Whiteness:

@@ -123,6 +123,15 @@ def test_courses_that_grow_stand_for_each_other(said, outcome):
     assert seen_of(f"- {outcome}", given) == (1, 1)
 
 
+@pytest.mark.parametrize(("course", "found"), [("lagged", 1), ("intermittent", 0)])
+def test_a_drift_is_a_gain_that_grows(course, found):
+    truth = [{"id": "maf.gain", "parameter": "factor", "value": 1.1, "course": course, "onset": None}]
+    given = drive("course", verdict(effect("maf.drift")), effects=truth)
+    assert seen_of("- courses: found", given) == (found, 1)
+    assert seen_of("- of them a gain that grows", given) == (found, 1)
+    assert seen_of("- wrong name", given) == (1 - found, 1)
+
+
 def test_what_was_recovered_is_judged_where_the_effect_shows():
     drives = [
         drive("single", verdict(effect("maf.gain"), before=2.0, ratio=0.55), "maf.gain", twin=verdict()),

@@ -1,15 +1,17 @@
 """Products across views, block by block and whole; intervals and left-out blocks against direct solutions."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from lpvobs.discovery import linear as linear_module
 from lpvobs.discovery.evidence import gains_of_intervals, in_place, loss_of, slope_of
 from lpvobs.discovery.fit import fit, normal_of, objective, pins, refit
 from lpvobs.discovery.held_out import compare, held_out_losses, undated
 from lpvobs.discovery.imbalances import views
-from lpvobs.discovery.linear import dot
+from lpvobs.discovery.linear import cancels, dot
 from lpvobs.discovery.patterns import Patterns
 from lpvobs.discovery.residual import Term
 from lpvobs.discovery.thresholds import FOLDS
@@ -22,6 +24,21 @@ def test_noise_that_two_factors_share_drops_out_of_their_product():
     plain = float(np.vdot(seen[0], seen[0])) / 40000
     assert plain == pytest.approx(1.5, abs=0.05)  # the mean of two views keeps half of the noise power
     assert dot(seen, seen) / 40000 == pytest.approx(1.0, abs=0.04)  # four standard deviations of the mean of products
+
+
+@pytest.mark.parametrize(
+    ("size", "angle", "opposed"), [(1.0, 180.0, True), (0.6, 180.0, True), (0.4, 180.0, False), (1.0, 90.0, False)]
+)
+def test_effects_are_opposed_where_together_they_change_less_than_either(monkeypatch, size, angle, opposed):
+    """A drift and a gain of one sensor, nearly opposite and one a third of the other, were taken for a single cause."""
+    turn = np.deg2rad(angle)
+    changes = np.zeros((2, 2, 1, 4))
+    changes[:, 0, 0, :2] = [1.0, 0.0], [size * np.cos(turn), size * np.sin(turn)]
+    changes[0, 0, 0, 1] = 1e-9  # acts there, too
+    monkeypatch.setattr(linear_module, "changed_by", lambda _, i: changes[i])
+    assert cancels(SimpleNamespace(whiten=lambda values: values), 0, 1) == opposed
+    together = np.linalg.norm(changes.sum(0)) < min(map(np.linalg.norm, changes))
+    assert together == opposed
 
 
 def test_blocks_add_up_to_the_whole(linear):

@@ -11,6 +11,7 @@ from lpvobs.discovery.evidence import Candidate
 from lpvobs.discovery.held_out import Losses
 from lpvobs.discovery.patterns import Seeming
 from lpvobs.discovery.ranking import chance, is_proven
+from lpvobs.discovery.thresholds import LEAST_LENGTH
 
 
 @pytest.fixture
@@ -62,13 +63,13 @@ def test_two_effects_that_are_nearly_opposite_do_not_explain_each_other(better):
     assert not better(3000.0, 1000.0, 500.0, opposed=True)
 
 
-def judged(gain, told, degrees=np.inf, candidates=20):
-    """Return the chance of a gain on one block, and whether it is proven, where 20 effects compete and healthy drives tell."""
+def judged(gain, told, degrees=np.inf, candidates=20, blocks=1, begin=-np.inf):
+    """Return the chance of a gain, and whether it is proven, where 20 effects compete and healthy drives tell."""
     problem = SimpleNamespace(
         seeming=Seeming(degrees=degrees), patterns=(1,), levels=(), data=1000.0, catalogue=(None,) * candidates
     )
-    term = SimpleNamespace(course=None, begin=-np.inf, end=np.inf, effect=SimpleNamespace(unusual=False))
-    candidate = Candidate(term, gain, 1.0, 1.0, np.zeros(1), 1.0, False, told)
+    term = SimpleNamespace(course=None, begin=begin, end=np.inf, effect=SimpleNamespace(unusual=False))
+    candidate = Candidate(term, gain, 1.0, 1.0, np.zeros(blocks), 1.0, False, told)
     return chance(candidate, problem), is_proven(candidate, SimpleNamespace(problem=problem))
 
 
@@ -83,8 +84,15 @@ def test_a_size_whose_variation_few_drives_tell_is_less_sure():
 
 def test_an_effect_is_proven_by_what_is_left_beside_healthy_variation_and_matters_by_all_of_it():
     assert judged(20.0, 0.5)[1]
-    assert not judged(15.0, 0.5)[1]  # 20 P(chi2 > 15) = 0.002
+    assert not judged(15.0, 0.3)[1]  # 20 P(chi2 > 9) = 0.05
     assert not judged(14.0, 1.0)[1]  # fifteen are asked, whatever the probability
+
+
+def test_onsets_that_have_the_same_data_count_as_one():
+    """A filling 5 % too low from 298 s on was not found beside another effect: each of 253 onsets counted as one of its own."""
+    always, late = (judged(30.0, 0.5, degrees=12, blocks=250, begin=begin)[0] for begin in (-np.inf, 100.0))
+    assert late == pytest.approx(250 / LEAST_LENGTH * always)
+    assert judged(30.0, 0.5, degrees=12, blocks=5, begin=100.0)[0] == judged(30.0, 0.5, degrees=12)[0]
 
 
 @pytest.mark.parametrize(("uneven", "left"), [(1.0, True), (2.5, False)])
