@@ -280,9 +280,9 @@ def page(seen: Sequence[Seen]) -> str:
 def _fine(s: Seen) -> bool:
     if s.kind in ("clean", "varied"):
         return s.verdict["verdict"] == "none" or (bool(s.truth["only_today"]) and s.verdict["verdict"] == "unexplained")
-    return {"form": s.formula, "course": s.course}.get(s.kind) in RIGHT or (
-        s.kind not in ("form", "course") and s.only_right
-    )
+    if s.kind in ("form", "course"):
+        return (s.formula if s.kind == "form" else s.course) in RIGHT
+    return s.only_right
 
 
 def _sizes(seen: Sequence[Seen]) -> str:

@@ -9,7 +9,7 @@ from repository import ROOT
 
 sys.path.insert(0, str(ROOT / "benchmarks" / "blind2"))
 
-from verdicts2 import Seen, rows
+from verdicts2 import Seen, page, rows
 
 
 def effect(id_, value=1.1, low=1.05, high=1.15, parameter="factor", **more):
@@ -121,6 +121,23 @@ def test_courses_that_grow_stand_for_each_other(said, outcome):
     truth = [{"id": "leak.intake", "parameter": "area", "value": 1e-5, "course": "ramp", "onset": 3.0}]
     given = drive("course", verdict(said), effects=truth)
     assert seen_of(f"- {outcome}", given) == (1, 1)
+
+
+def test_the_page_lists_as_missed_what_was_missed_of_every_kind():
+    pair = [effect("maf.gain"), effect("egr.area")]
+    curve = {"inputs": [], "factor": [], "amplitude": 1.0}
+    drives = [
+        drive("pair", verdict(*pair), "maf.gain", "egr.area", number=11),
+        drive("pair", verdict(pair[0]), "maf.gain", "egr.area", number=12),
+        drive("clean", verdict(), number=13),
+        drive("clean", verdict(pair[0]), number=14),
+        drive("form", verdict(pair[0]), number=15, channels=["n_e"]),
+        drive("course", verdict(pair[1]), "egr.area", number=16),
+        drive("course", verdict(pair[0]), "egr.area", number=17),
+        drive("curve", verdict(pair[0]), "egr.curve", number=18, curve=curve),
+    ]
+    missed = page(drives).split("### Misses")[1].split("###")[0]
+    assert [int(line.split()[1]) for line in missed.strip().splitlines()] == [12, 14, 15, 17, 18]
 
 
 @pytest.mark.parametrize(("course", "found"), [("lagged", 1), ("intermittent", 0)])
