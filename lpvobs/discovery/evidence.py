@@ -248,7 +248,7 @@ def best_intervals(gains: Array) -> list[tuple[int, int]]:
     first = int(np.argmax(gains[edge:-edge, n])) + edge
     last = int(np.argmax(gains[0, edge:-edge])) + edge
     inner = gains[edge:-edge, edge:-edge]
-    both = np.unravel_index(int(np.argmax(inner)), inner.shape)
+    both = np.unravel_index(int(np.argmax(inner)), inner.shape) if inner.any() else (0, inner.shape[1] - 1)
     return [(first, n), (0, last), (int(both[0]) + edge, int(both[1]) + edge)]
 
 

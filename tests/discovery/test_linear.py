@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from lpvobs.discovery import linear as linear_module
-from lpvobs.discovery.evidence import gains_of_intervals, in_place, loss_of, slope_of
+from lpvobs.discovery.evidence import best_intervals, gains_of_intervals, in_place, loss_of, slope_of
 from lpvobs.discovery.fit import fit, normal_of, objective, pins, refit
 from lpvobs.discovery.held_out import compare, held_out_losses, undated
 from lpvobs.discovery.imbalances import views
 from lpvobs.discovery.linear import cancels, dot
 from lpvobs.discovery.patterns import Patterns
 from lpvobs.discovery.residual import Term
-from lpvobs.discovery.thresholds import FOLDS
+from lpvobs.discovery.thresholds import FOLDS, LEAST_LENGTH
 
 
 def test_noise_that_two_factors_share_drops_out_of_their_product():
@@ -74,6 +74,13 @@ def test_gain_of_an_interval_is_that_of_a_direct_solution(linear):
         both = 0.5 * right @ np.linalg.solve(bordered, right)
         alone = 0.5 * linear.gradient @ np.linalg.solve(linear.normal, linear.gradient)
         assert gains[first, last] == pytest.approx(both - alone, rel=1e-5, abs=1e-5)
+
+
+def test_where_no_interval_gains_all_are_still_long_enough():
+    """A formula that the data tell nothing of was tried from a moment to the same moment: a division by zero ended the search."""
+    stretches = 3 * LEAST_LENGTH
+    ranges = best_intervals(np.zeros((stretches + 1, stretches + 1)))
+    assert all(last - first >= LEAST_LENGTH for first, last in ranges)
 
 
 def test_left_out_blocks_are_predicted_from_the_others(linear):
