@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -42,7 +43,9 @@ class Doubting:
 
     def __init__(self, config: Config, engine: Judged):
         self._config, self._engine = config, engine
-        self._covariance = engine.unknowns.reduced(engine.unknowns.covariance)
+        unknown = engine.unknowns.reduced(engine.unknowns.covariance)
+        axes = [axis.channel for axis in engine.air_path.axes]
+        self._agreement = partial(agreement, config.grid(), unknown=unknown, axes=axes)
         self._total: BalanceSums | None = None
         self._ratios: dict[str, float] = {}
         self._says: list[str] = []
@@ -68,10 +71,6 @@ class Doubting:
             _driven(estimate, total),
             _readings(estimate, total),
         )
-
-    def _agreement(self, sums: BalanceSums) -> BalanceAgreement:
-        axes = [axis.channel for axis in self._engine.air_path.axes]
-        return agreement(self._config.grid(), sums, self._covariance, axes)
 
 
 def _driven(estimate: MapEstimate, sums: BalanceSums) -> tuple[Array, float]:

@@ -146,9 +146,7 @@ def _write(
     inputs = {f"{name}{path.suffix}": digests[name] for path, name in names.items() if name in digests}
     provenance = Provenance({**inputs, **before.inputs}, config_text)
     found, doubts = done.estimate, done.doubts
-    seen = found.theta, found.covariance, found.supported
-    ratio = doubts.agreement.ratio
-    says = spoken.headline(found.grid, before.air_path.axes, *seen, doubts.driven, ratio, found.along_flow)
+    says = spoken.headline(found, before.air_path.axes, doubts.driven, doubts.agreement.ratio)
 
     def further(file: h5py.File) -> None:
         file.attrs["headline"] = says
@@ -186,11 +184,11 @@ def _one_after_another(
         estimate = rivals.estimate_batch(*given, settings)
     fleet.refuse_empty(estimate)
     engine = judged(air_path, settings.of_engine(air_path.usual_tolerance), None)
-    watched = [Watched(log, engine, grid, config.kind.suspects) for log in logs.values()]
     doubting = Doubting(config, engine)
-    for each in watched:
-        deque(each.pieces(), maxlen=0)  # goes through the log
-        doubting.look(each.name, each.sums)
+    for log in logs.values():
+        watched = Watched(log, engine, grid, config.kind.suspects)
+        deque(watched.pieces(), maxlen=0)  # goes through the log
+        doubting.look(log.name, watched.sums)
     doubts = doubting.doubts(estimate)
     progress(0.9)
     summaries = tuple(

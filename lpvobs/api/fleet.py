@@ -125,11 +125,10 @@ def estimate_fleet(
         engine = "" if before.calibrated is None else "".join(before.inputs.values())
         made_with = config_text + learned_digest(air_path) + engine
         folder = PartsFolder(out, run_key(made_with + repr(sorted(task.point.deviation.items())), gain), StoredPart)
-        opened = {each.sha256: each.stored for each in outcomes.values()}
+        opened = {each.sha256: each.stored for each in outcomes.values() if each.stored is not None}
         if several:
             for sha256, stored in opened.items():
-                if stored is not None:
-                    folder.keep(sha256, stored)
+                folder.keep(sha256, stored)
             task = replace(task, done=folder.found())
         further = [path for path in paths if path not in outcomes]
         keep = folder.keep if several else None
@@ -146,7 +145,7 @@ def estimate_fleet(
         called = {sha256: names[path] for sha256, path in found.items()}
         doubting = Doubting(config, judged(air_path, task.point.settings, task.point.known))
         every = reduce(add, looked_at(doubting, by_group(workers, called, partial(together, read, grid, task.point))))
-        if merge is None or found.keys() != {sha256 for sha256, stored in opened.items() if stored is not None}:
+        if merge is None or found.keys() != opened.keys():
             merge = of_sums(grid, every.total, every.runs, task.point)
         estimate, solution = replace(merge[0], runs=every.runs), merge[1]  # under the names that logs have now
         refuse_empty(estimate)

@@ -13,14 +13,12 @@ from typing import Any
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from lpvobs.engines.base import MapAxis
 from lpvobs.engines.registry import ENGINES
-from lpvobs.maps.grid import Grid
 from lpvobs.maps.joint import NORMAL_90, combined
 from lpvobs.observer.balance_agreement import DISAGREE
-from lpvobs.observer.information import AlongFlow
+from lpvobs.observer.estimate import MapEstimate
 from lpvobs.records import Array
 
 LEAST_CHANCE = 1e-16
@@ -87,34 +85,24 @@ MOST_TIMES = 4  # intervals that are told
 
 
 def headline(
-    grid: Grid,
-    axes: tuple[MapAxis, MapAxis],
-    theta: Array,
-    covariance: Array,
-    supported: NDArray[np.bool_],
-    driven: tuple[Array, float] | None = None,
-    disagreement: float = math.nan,
-    along: AlongFlow | None = None,
+    found: MapEstimate, axes: tuple[MapAxis, MapAxis], driven: tuple[Array, float], disagreement: float
 ) -> str:
-    """Return what a map [kg/s] over (p_2, p_1) nodes says in one sentence; its covariance is that of all nodes, row by row.
+    """Return in one sentence what a map says that informs at least one node.
 
-    `driven` is the share of the time that each node stands for, shape (p,), and the mean air flow [kg/s]; without it all nodes
-    count alike. `disagreement` is the ratio of the balances over all logs, `along` how the sensor's error goes with the flow.
+    `driven` is the share of the time that each node stands for, shape (p,), and the mean air flow [kg/s]; `disagreement` is the
+    ratio of the balances over all logs.
     """
-    on = np.flatnonzero(supported)
-    if not on.size:
-        return "the logs inform no node of the map"
-    values = theta.ravel()
-    weights = driven[0][None] if driven else np.where(supported.ravel(), 1.0 / on.size, 0.0)[None]
+    grid, values, covariance, along = found.grid, found.theta.ravel(), found.covariance, found.along_flow
+    (weights, flow), on = driven, np.flatnonzero(found.supported)
     sure = bool(np.isfinite(covariance[np.ix_(on, on)]).all())
-    mean = float(weights[0, on] @ values[on])
+    mean = float(weights[on] @ values[on])
     shown, interval = f"{1e3 * mean:.2g}", ""
     if sure:
-        ends = combined(weights, values, covariance).ci90[0]
+        ends = combined(weights[None], values, covariance).ci90[0]
         shown, low, high = with_interval(*(1e3 * float(x) for x in (mean, *ends)))
         interval = f" (90 %: {low} to {high})"
     side = "high" if mean > 0.0 else "low"
-    share = f"{abs(100.0 * mean / driven[1]):.2g} % {side}, " if driven and driven[1] > 0.0 else ""
+    share = f"{abs(100.0 * mean / flow):.2g} % {side}, " if flow > 0.0 else ""
     worst = int(on[np.argmax(np.abs(values[on]))])
     row, column = np.unravel_index(worst, grid.shape)
     place = f"{spelled(grid.speed[row], axes[1])}, {spelled(grid.fuel[column], axes[0])}"
