@@ -1,6 +1,6 @@
 """The frozen log record: what every other room reads. No files here."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any, Protocol, Self
 
@@ -121,9 +121,9 @@ class Log:
         yield Piece(self.time, self.channels, begins)
 
 
-def gathered(recording: Recording) -> Log:
-    """Return what a recording has of the channels that an air path needs, as one log; rows are those that it yields."""
-    pieces = list(recording.pieces())
+def gathered(recording: Recording, pieces: Iterable[Piece] | None = None) -> Log:
+    """Return a recording, or these pieces of it, as one log of the channels that an air path needs; rows are those it yields."""
+    pieces = list(recording.pieces() if pieces is None else pieces)
     time = np.concatenate([piece.time for piece in pieces])
     starts = np.flatnonzero(np.concatenate([piece.begins for piece in pieces])).tolist()
     return Log(

@@ -98,7 +98,6 @@ def _find_all(sources: Sequence[ForeignRecording], profile: profiles.Profile) ->
 
 
 def _joined(name: str, parts: Sequence[RecordedSamples], profile: profiles.Profile) -> RecordedSamples:
-    """Return the parts of a channel one after the other."""
     if len(parts) == 1:
         return parts[0]
     time = np.concatenate([part.time for part in parts])

@@ -30,7 +30,13 @@ MOST_LISTED = 1_000_000  # lines with a wrong number of fields, after which no m
 MOST_BROKEN = 0.01  # share of the lines that may have a wrong number of fields; more is another layout
 SECONDS, BYTES = 6, 2 << 30  # what a library may take for a small file: computing and memory
 PER_SECOND = 4 << 20  # [bytes] of a file for which it may compute a second longer
-MDF_MAGIC = (b"MDF     ", b"UnFinMF ")
+FIRST_BYTES = {
+    b"PAR1": "parquet",
+    b"MDF     ": "mdf",
+    b"UnFinMF ": "mdf",
+    b"MATLAB": "mat",
+    b"\x89HDF\r\n\x1a\n": "mat",
+}
 ARCHIVES = (".zip", ".mf4z", ".gzip", ".gz", ".bz2")
 REMEDIES = {"MAT": "save it again in MATLAB with -v7 or -v7.3", "MDF": "record or export it again"}
 """What to do with a file that the library cannot read."""
@@ -64,10 +70,7 @@ class CsvRecording(ForeignRecording):
                 table = arrow.read_csv(
                     stream,
                     arrow.ReadOptions(
-                        use_threads=False,
-                        skip_rows=head,
-                        column_names=list(self.heads),
-                        encoding=encoding,
+                        use_threads=False, skip_rows=head, column_names=list(self.heads), encoding=encoding
                     ),
                     arrow.ParseOptions(delimiter=self.rules.delimiter, invalid_row_handler=skip),
                     arrow.ConvertOptions(
@@ -170,7 +173,6 @@ def _decoded(path: Path, lines: list[bytes], encoding: str) -> tuple[str, list[s
 
 
 def _fields(path: Path, lines: list[str], row: int, delimiter: str) -> list[str]:
-    """Return the fields of a header line."""
     try:
         return [name.strip() for name in next(csv.reader([lines[row - 1]], delimiter=delimiter, strict=True))]
     except (csv.Error, StopIteration) as error:
@@ -212,7 +214,6 @@ def open_parquet(path: Path, rules: SourceRules) -> ParquetRecording:
 
 @contextmanager
 def _parquet(path: Path) -> Iterator["pq.ParquetFile"]:
-    """Yield an open file, or say why it cannot be read."""
     try:
         with pq.ParquetFile(path) as file:
             yield file
@@ -249,9 +250,7 @@ def open_mdf(path: Path, rules: SourceRules) -> ApartRecording:
         raise UsageError(
             f"{path}: MDF needs the library asammdf, which is not installed; install it with: pip install 'lpvobs[mdf]'"
         )
-    with recordings.opened(path) as stream:
-        magic = stream.read(8)
-    if magic not in MDF_MAGIC:  # the library would unpack it
+    if sniff(path) != "mdf":  # the library would unpack it
         raise DataError(
             f"{path}: does not begin like an MDF file; unpack the file if it is packed, or delete format in the profile's [source]"
         )
@@ -306,10 +305,4 @@ def sniff(path: Path) -> str:
         raise DataError(f"{path}: no such recording; name a CSV, Parquet, MAT or MDF4 file")
     with recordings.opened(path) as stream:
         first = stream.read(8)
-    if first[:4] == b"PAR1":
-        return "parquet"
-    if first[:8] in MDF_MAGIC:
-        return "mdf"
-    if first[:6] == b"MATLAB" or first[:8] == b"\x89HDF\r\n\x1a\n":
-        return "mat"
-    return "csv"
+    return next((kind for begins, kind in FIRST_BYTES.items() if first.startswith(begins)), "csv")

@@ -163,7 +163,6 @@ class Source:
         return np.where(later, time, np.nan), {key: count for key, count in repairs.items() if count}
 
     def _samples(self, name: str, full: str, column: Column, clock: str, time: Array) -> RecordedSamples:
-        """Return a channel from its column and the stamps that count."""
         rules, source, file_unit = self.profile.channels[name], self.profile.source, self.recording.heads[full].unit
         where = f"{self.path}: channel '{name}'"
         try:
@@ -201,10 +200,8 @@ class Source:
             repairs["unit"] = f"the unit is {file_unit} in the file, but {rules.source_unit} in the profile"
         elif is_broken(rules.source_unit or file_unit):
             repairs["unit_spelling"] = f"{rules.source_unit or file_unit} read as {unit}"
-        made, count = (
-            {key: found for key, found in repairs.items() if found},
-            int(np.count_nonzero(np.isfinite(values))),
-        )
+        made = {key: found for key, found in repairs.items() if found}
+        count = int(np.count_nonzero(np.isfinite(values)))
         done = ChannelDone(self.path.name, full, file_unit, unit, rules.unit, rules.meaning, count, made)
         return RecordedSamples(time[keep], values, done)
 

@@ -137,7 +137,6 @@ def on_raster(
 
 
 def _common(samples: Mapping[str, repairs.RecordedSamples]) -> Array:
-    """Return the one time base that all channels share."""
     first, *others = samples
     for name in others:
         if not np.array_equal(samples[name].time, samples[first].time):
@@ -161,12 +160,10 @@ def _placed(
         values = item.values
     elif t.size == 0:
         values = np.full(at.size, np.nan)
-    elif rule == "hold":
-        values = hold(t, v, at, limit)
-    elif rule == "linear":
-        values = linear(t, v, at, limit)
-    else:
+    elif rule == "mean":
         values = mean(t, v, at, limit, 1.0 / profile.raster.rate if profile.raster.rate else median_step(at))
+    else:
+        values = {"hold": hold, "linear": linear}[rule](t, v, at, limit)
     values = np.where(np.isfinite(values), values, np.nan)
     far = bridged(t, at) if t.size > 1 and rule != "as recorded" else False
     return values, replace(

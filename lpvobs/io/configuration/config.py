@@ -184,7 +184,7 @@ def _check_names(path: Path, config: Config) -> None:
     air_path = config.engine_path()
     states, rates = air_path.state_names, air_path.temperature_names
     rho = [name for name in air_path.parameter_names if name not in air_path.rate_names]
-    gain, channels = config.gain, tuple(air_path.channels)
+    gain, channels, sensor = config.gain, tuple(air_path.channels), air_path.sensor
     sums = [name for pair in gain.nonnegative_sums for name in pair]
     constants = tuple(dict.fromkeys((*air_path.engine_constants(), *air_path.usual_tolerance)))
     for table, found, known, needed in (
@@ -195,12 +195,7 @@ def _check_names(path: Path, config: Config) -> None:
         ("gain.temperatures", gain.temperatures, rates, rates),
         ("published.temperatures", config.published.temperatures, rates, rates),
         ("ekf.process_noise", config.ekf.process_noise, states, states),
-        (
-            "ekf.measurement_noise",
-            config.ekf.measurement_noise,
-            (*states, air_path.sensor),
-            (*gain.outputs, air_path.sensor),
-        ),
+        ("ekf.measurement_noise", config.ekf.measurement_noise, (*states, sensor), (*gain.outputs, sensor)),
         ("policies.limits", config.policies.limits, channels, ()),
         ("sensors", config.sensors, channels, ()),
     ):
@@ -212,10 +207,10 @@ def _check_names(path: Path, config: Config) -> None:
                 raise UsageError(
                     f"{path}: {table}: the name '{name}' is missing; give a value for all of {', '.join(needed)}"
                 )
-    for name, sensor in config.sensors.items():
-        if sensor.pulsation and (name != air_path.sensor or config.kind.pulsation is None):
+    for name, known_of in config.sensors.items():
+        if known_of.pulsation and (name != sensor or config.kind.pulsation is None):
             raise UsageError(
-                f"{path}: sensors.{name}.pulsation = {sensor.pulsation:g}: the tool has no model of pulsation for this "
+                f"{path}: sensors.{name}.pulsation = {known_of.pulsation:g}: the tool has no model of pulsation for this "
                 "sensor; delete the key"
             )
     if len(config.published.x_0) != len(states):

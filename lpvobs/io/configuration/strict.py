@@ -110,7 +110,7 @@ PLAIN |= {"object": "a table", "array": "a list", "null": "nothing"}
 def _wrong(place: str, error: Exception) -> ValueError:
     """Return what is wrong at a place of the file; msgspec says behind it which item of a list it means."""
     raw, _, within = str(error).replace("`", "").partition(" - at $")
-    said = re.sub(r"\b(bool|int|float|str|object|array|null)\b", lambda found: PLAIN[found[0]], raw)
+    said = re.sub(r"\w+", lambda found: PLAIN.get(found[0], found[0]), raw)
     return ValueError(f"{place}{within}: {said[:1].lower()}{said[1:]}; correct this key".removeprefix(": "))
 
 

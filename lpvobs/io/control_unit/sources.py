@@ -154,12 +154,8 @@ def _arrays(unit: Unit) -> dict[str, tuple[str, Array]]:
 
 def _initialiser(values: Array) -> str:
     if values.ndim == 0:
-        return f"R({float(values)!r})"
-    if values.ndim > 1:
-        return "{" + ",\n    ".join(_initialiser(row) for row in values) + "}"
-    if values.dtype.kind == "i":
-        return "{" + ", ".join(f"{value}U" for value in values.tolist()) + "}"
-    return "{" + ", ".join(f"R({value!r})" for value in values.tolist()) + "}"
+        return f"{values}U" if values.dtype.kind == "i" else f"R({float(values)!r})"
+    return "{" + (",\n    " if values.ndim > 1 else ", ").join(map(_initialiser, values)) + "}"
 
 
 def write_fmu(path: Path, unit: Unit, made: Mapping[str, str]) -> None:

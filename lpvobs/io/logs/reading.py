@@ -7,6 +7,7 @@ refused when that is most of it.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 
@@ -19,7 +20,7 @@ from lpvobs.io.arrow import pa
 from lpvobs.io.logs import parquet
 from lpvobs.io.logs.policies import LogPolicies, refuse_implausible, together, usable_rows
 from lpvobs.io.safety.atomic import state_of
-from lpvobs.records import Array, Defects, Log, Piece
+from lpvobs.records import Array, Defects, Log, Piece, gathered
 
 SLAB = 1 << 19  # rows that are held in memory at a time
 
@@ -92,7 +93,6 @@ class LogFile:
             )
 
     def _refuse_poor(self, samples: int, refusals: Sequence[DataError]) -> None:
-        """Raise for a log of which next to nothing is left."""
         found = self.defects
         if not found.samples_read:
             raise DataError(f"{self.path}: the log has no rows, expected at least two rows; record or export it again")
@@ -117,19 +117,9 @@ def read_log(path: Path, channels: Mapping[str, Channel], policies: LogPolicies,
     extra = [name for name in numbers if name not in file.units and not name.startswith("ref_")]
     parquet.refuse_huge(path, parquet.metadata_of(path).num_rows, len(file.units) + len(extra))
     ((table, rows, piece),) = file.slabs(extra, parquet.MOST_READINGS)
-    starts = np.flatnonzero(piece.begins).tolist()
-    right = list(policies.right([piece]))
-    return Log(
-        name=file.name,
-        sha256=file.sha256,
-        time=piece.time,
-        channels={name: np.concatenate([part.channels[name] for part in right]) for name in piece.channels},
-        auxiliary={name: parquet.as_floats(table.column(name))[rows] for name in extra},
-        segments=tuple(zip(starts, [*starts[1:], piece.time.size], strict=True)),
-        rows=rows,
-        defects=file.defects,
-        units={name: numbers[name] for name in extra if numbers[name]},
-    )
+    others = {name: parquet.as_floats(table.column(name))[rows] for name in extra}
+    units = {name: numbers[name] for name in extra if numbers[name]}
+    return replace(gathered(file, policies.right([piece])), auxiliary=others, rows=rows, units=units)
 
 
 def read_references(path: Path, rows: NDArray[np.int64]) -> dict[str, Array] | None:

@@ -165,8 +165,6 @@ DETERMINED = 0.5  # share of the prior standard deviation below which the data h
 
 @dataclass(frozen=True, eq=False)
 class _UnknownsAsStored:
-    """Unknowns as a file has them."""
-
     names: Annotated[tuple[str, ...], Item("1", "constant, or node of a correction", name="unknown")]
     mean: Annotated[Array, Item("1", "relative deviation of a constant, value of a correction", ("unknown",))]
     covariance: Annotated[Array, Item("1", "covariance of mean", ("unknown", "other_unknown"))]

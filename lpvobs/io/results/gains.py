@@ -35,9 +35,8 @@ class StoredGain:
     outputs: tuple[str, ...]  # the measured states among the outputs; the sensor comes after them
     gain: Annotated[Gain, Item(name=".")]
     log_bounds: Annotated[Mapping[str, Array], Item("SI", "range of the parameters", ("log", "bound", "parameter"))]
-    temperatures: Mapping[str, tuple[float, float]] = field(
-        default_factory=dict
-    )  # [K], ranges that the region was made for
+    # [K], ranges that the region was made for
+    temperatures: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     @property
     def state(self) -> StateGain:

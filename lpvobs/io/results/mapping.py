@@ -144,7 +144,6 @@ def numbered(group: h5py.Group, name: str) -> list[h5py.Group]:
 
 
 def _inner(group: h5py.Group, layout: Layout[Any], key: str) -> Any:
-    """Return the record or records in a field."""
     item, kind, name = layout.items[key], layout.kind(key), layout.name(key)
     record: Any = record_in(kind)
     if item.axes:
@@ -209,7 +208,6 @@ def _fields(layout: Layout[Any], columns: Mapping[str, Any], labels: Labels) -> 
 
 
 def _value(group: h5py.Group, layout: Layout[Any], key: str) -> Any:
-    """Return what a dataset holds as the record has it."""
     kind = layout.kind(key)
     if not is_mapping(kind):
         return _as_field(_loaded(group, layout, key), kind)
@@ -267,7 +265,6 @@ def _as_attribute(value: Any) -> Attribute:
 
 
 def _attribute(found: Any, kind: Any, name: str) -> Any:
-    """Return an attribute as the record has it."""
     plain = found.item() if isinstance(found, np.generic) else found
     if kind is bool and plain in (0, 1):
         return bool(plain)

@@ -75,12 +75,10 @@ def part_of_bytes(data: bytes, kind: type[Left]) -> tuple[Left, str, str]:
 
 
 def _shape_and_bytes(value: Any) -> Any:
-    """Return an array in terms of what MessagePack has."""
     return value.item() if isinstance(value, np.generic) else (value.shape, value.tobytes())
 
 
 def _array(kind: Any, stored: Any) -> NDArray[Any]:
-    """Return the array that was stored, of the type that the record's field has."""
     shape, data = msgspec.convert(stored, tuple[tuple[int, ...], bytes])
     return np.frombuffer(data, element_of(kind)).reshape(shape).copy()
 

@@ -44,15 +44,13 @@ class LogSummary:
     repeated: int
     duration: float  # [s]
     dropped: Mapping[str, int]  # by channel
-    found: Mapping[
-        str, int
-    ]  # among these, by kind and channel, such as `stuck p_im`: stuck, saturated or spiked samples
+    # among these stuck, saturated and spiked samples, by kind and channel, such as `stuck p_im`
+    found: Mapping[str, int]
     share_certified: Annotated[float, Item("1", "share of samples inside the region of the certificate", gaps=True)]
     lower: Annotated[Array, Item("SI", "smallest scheduling parameters along the log", ("parameter",))]
     upper: Annotated[Array, Item("SI", "largest scheduling parameters along the log", ("parameter",))]
-    balance_ratio: (
-        float  # disagreement of the balances over what is to be expected of it; NaN where there is one balance
-    )
+    # disagreement of the balances over what is to be expected of it; NaN where there is one balance
+    balance_ratio: float
     mean_flow: Annotated[float, Item("kg/s", "mean of the sensor's readings", gaps=True)]
     metrics: Metrics | None  # None where the log has no references
 
