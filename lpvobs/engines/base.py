@@ -78,6 +78,7 @@ class AirPath(Protocol):
     measured_parts: ClassVar[tuple[MeasuredPart, ...]] = ()  # flows inside the engine that a bench may measure
     steep: ClassVar[tuple[str, ...]] = ()  # constants in which the flows are far from linear
     volumes: ClassVar[tuple[str, ...]] = ()  # constants that the balances owe what they store to
+    cylinder_number: ClassVar[str] = ""  # the constant that is the number of cylinders; empty for an engine without
     component_maps: ClassVar[Mapping[str, ComponentMap]] = {}  # tables of components that others have, by kind
     # inputs of the map: the fuel axis (p_1 nodes), then the speed axis (p_2 nodes)
     axes: ClassVar[tuple[MapAxis, MapAxis]]
@@ -103,7 +104,7 @@ class AirPath(Protocol):
     @property
     def cylinders(self) -> float:
         """Number of cylinders, each of which fills once in two revolutions; 0 for an engine without."""
-        return 0.0
+        return float(self.engine_constants().get(self.cylinder_number, 0.0))
 
     def engine_constants(self) -> Mapping[str, float]:
         """Return every constant of the engine by name."""
@@ -184,11 +185,6 @@ class Published:
     surfaces: Mapping[str, tuple[float, ...]]
     remark: str  # what is to be said of these maps beside others
     errors: Mapping[str, float]  # mean relative errors that are printed for maps, by cycle
-
-    def hull(self) -> tuple[tuple[float, float], ...]:
-        """Return the smallest box around the bounds of all drives."""
-        columns = zip(*self.bounds.values(), strict=True)
-        return tuple((min(low for low, _ in rho), max(high for _, high in rho)) for rho in columns)
 
 
 @dataclass(frozen=True, eq=False)

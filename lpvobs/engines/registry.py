@@ -4,10 +4,7 @@ from lpvobs.engines import diesel, series, throttled
 from lpvobs.engines.base import EngineKind
 
 ENGINES: dict[str, EngineKind] = {
-    diesel.ENGINE.name: diesel.ENGINE,
-    throttled.ENGINE.name: throttled.ENGINE,
-    series.ENGINE.name: series.ENGINE,
-    series.OBD.name: series.OBD,
+    kind.name: kind for kind in (diesel.ENGINE, throttled.ENGINE, series.ENGINE, series.OBD)
 }
 
 

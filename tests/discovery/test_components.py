@@ -13,12 +13,12 @@ from lpvobs.discovery.known_effects import term_on
 from lpvobs.discovery.refine import refine
 from lpvobs.discovery.residual import free_map, lay_out
 from lpvobs.discovery.thresholds import TIE
-from lpvobs.engines.diesel.effects import Lacks
+from lpvobs.engines.diesel.effects import LACKS
 from lpvobs.report.residual_figures import component_curve
 from lpvobs.report.spoken import in_words
 
 BUMP = 0.05
-CYLINDERS = Lacks._fields.index("eta_vol")
+CYLINDERS = list(LACKS).index("eta_vol")
 
 
 def bump(n_e):

@@ -27,7 +27,7 @@ def diesel() -> Callable[..., GainProblem]:
     """Return a function that makes the diesel's problem for a column of Table 1 and ranges of temperature [K]."""
 
     def make(column, T_im=(310.0, 310.0), T_em=(750.0, 750.0), *, p_em=False, clipped=False, V_em=V_EM) -> GainProblem:
-        bounds = PUBLISHED.hull() if column == "hull" else PUBLISHED.bounds[column]
+        bounds = PUBLISHED.bounds["ETC" if column == "hull" else column]  # that column holds the others
         a_1, a_2 = (tuple(R_A * T / V_IM for T in T_im), tuple(R_E * T / V_em for T in T_em))
         lower, upper = zip(*bounds, a_1, a_2, strict=True)
         outputs = ("p_im", "p_em", "omega_t", "W_maf") if p_em else ("p_im", "omega_t", "W_maf")

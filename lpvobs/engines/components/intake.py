@@ -8,7 +8,7 @@ mg/cycle.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import sqrt
-from typing import Annotated, Any, Protocol
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -48,6 +48,15 @@ CHARGE = Component(
 
 
 @dataclass(frozen=True)
+class Cylinders:
+    """Volume and cylinders."""
+
+    V_d: Annotated[float, Within(1e-4, 0.2, "m^3", "displacement")]
+    n_cyl: Annotated[int, Within(1, 24, "1", "number of cylinders")]
+    V_im: Annotated[float, Within(1e-4, 0.5, "m^3", "volume of a manifold")]
+
+
+@dataclass(frozen=True)
 class Filling:
     """eta_vol = c_vol1 sqrt(p_im) + c_vol2 sqrt(n_e) + c_vol3, p_im in Pa, n_e in rpm."""
 
@@ -67,23 +76,8 @@ class Egr:
     k_reverse: Annotated[float, Within(0, 1.5, "1", "share of the area for reverse flow")]
 
 
-class Constants(Protocol):
-    """A flat tuple of an engine's constants, these among them."""
-
-    R_a: float
-    R_e: float
-    gamma_a: float
-    V_d: float
-    V_im: float
-    n_cyl: float
-    c_vol1: float
-    c_vol2: float
-    c_vol3: float
-    A_egr_max: float
-    c_egr1: float
-    c_egr2: float
-    pi_egr_opt: float
-    k_reverse: float
+Constants = Any
+"""A flat tuple of an engine's constants, those of the relation among them."""
 
 
 @njit(cache=True)

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Annotated
 
-from lpvobs.engines.components.intake import Egr, Filling
+from lpvobs.engines.components.intake import Cylinders, Egr, Filling
 from lpvobs.engines.constants import Within, flat, flat_type
 
 COMPRESSOR_FORMS: Mapping[str, tuple[str, ...]] = {
@@ -33,12 +33,9 @@ class Gas:
 
 
 @dataclass(frozen=True)
-class Geometry:
+class Geometry(Cylinders):
     """Volumes and cylinders."""
 
-    V_d: Annotated[float, Within(1e-4, 0.2, "m^3", "displacement")]
-    n_cyl: Annotated[int, Within(1, 24, "1", "number of cylinders")]
-    V_im: Annotated[float, Within(1e-4, 0.5, "m^3", "volume of a manifold")]
     V_em: Annotated[float, Within(1e-4, 0.5, "m^3", "volume of a manifold")]
 
 

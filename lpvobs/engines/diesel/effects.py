@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from math import sqrt
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,19 +27,10 @@ RESTRICTED = 0.5
 POWER = 1.0e5  # [J/kg] Turns a power into a flow, so that all balances are in kg/s
 
 
-class Lacks(NamedTuple):
-    """Sizes of what the engine's model lacks; the defaults are an engine in order."""
-
-    leak_intake: float = 0.0  # m^2
-    egr_leak: float = 0.0  # m^2
-    egr_area: float = 1.0
-    eta_vol: float = 1.0
-    compressor: float = 1.0
-    turbine: float = 1.0
-    exhaust: float = 1.0
-
-
-IN_ORDER = Lacks()
+LACKS = {
+    "leak_intake": 0.0, "egr_leak": 0.0, "egr_area": 1.0, "eta_vol": 1.0, "compressor": 1.0, "turbine": 1.0, "exhaust": 1.0,
+}  # fmt: skip
+"""Sizes of what the engine's model lacks (leaks in m^2, factors), on an engine in order."""
 OMEGA_T, T_EM, T_AMB, W_MAF = (CHANNELS.index(name) for name in ("omega_t", "T_em", "T_amb", "W_maf"))
 COMPRESSOR, CYLINDERS, EXHAUST_RETURN, T_EM_LAG, OMEGA_T_LAG, W_MAF_LAG = range(6)
 PARTS = {
@@ -55,7 +45,7 @@ NUDGES = (1e-5, 1e-5, 1e-5, 1e-4, 1e-4, 1e-4)
 @njit(cache=True)
 def imbalances_of(c: DieselConstants, x: Array, dx: Array, lacks: Array, flows: Array) -> Array:
     """Return what is left of each balance, shape (4, K) [kg/s]."""
-    # x, dx : (12, K) values and rates in the order of `CHANNELS`; lacks : (7, K) in the order of `Lacks`; flows : (3, K)
+    # x, dx : (12, K) values and rates in the order of `CHANNELS`; lacks : (7, K) in the order of `LACKS`; flows : (3, K)
     # what corrections add to the flows of compressor, cylinders and EGR.
     K = x.shape[1]
     out = np.empty((4, K))
@@ -89,10 +79,10 @@ def turbine(
     c: DieselConstants, k_exhaust: float, p_em: float, u_vgt: float, T_em: float, p_amb: float
 ) -> tuple[float, float]:
     """Return W_t [kg/s] and Pi_t, with a back pressure p_amb + k_exhaust W_t^2 of its own."""
-    # The engine's model makes three passes of the fixed point (`diesel_relations.rho_4`), and so is a clean exhaust here.
+    # The engine's model makes three passes of the fixed point, `relation.turbine_pass`, and so is a clean exhaust here.
     # With a restriction the passes swing around the solution, or away from it: the more there is of it, the more the
     # solution counts.
-    scale = c.A_vgt_max * relation.vgt_area_ratio(c, u_vgt) / sqrt(T_em * c.R_e)
+    scale = relation.turbine_scale(c, u_vgt, T_em)
     p_es, W_t, Pi_t = p_amb, 0.0, 0.9999
     for _ in range(3):
         Pi_t = min(p_es / p_em, 0.9999)
@@ -170,7 +160,7 @@ def further(found: AsFound, s: Signals) -> tuple[Array, Array]:
     # The first imbalance is the reading less W_c, the second the reading less what leaves the intake manifold, the third
     # what enters the exhaust manifold less what leaves it, the fourth the power that is left for the turbocharger's rotor.
     x, dx = _stacked(s.value), _stacked(s.rate)
-    in_order = np.tile(np.array(IN_ORDER)[:, None], (1, x.shape[1]))
+    in_order = np.tile(np.array(list(LACKS.values()))[:, None], (1, x.shape[1]))
     c, flows = found.constants, _changes(found, s)[:T_EM_LAG]
     change = imbalances_of(c, x, dx, s.lacks, flows) - imbalances_of(c, x, dx, in_order, flows)
     a_1, a_2 = c.R_a * s["T_im"] / c.V_im, c.R_e * s["T_em"] / c.V_em
@@ -210,8 +200,7 @@ def pulsating(s: Signals | Mapping[str, Array], x: float) -> Array:
     return np.asarray(1.0 + x * slow * np.maximum(s["u_delta"], 0.0) / PULSATION_FUEL)
 
 
-_LACKS = IN_ORDER._asdict()
-_SHARED = on_the_intake(_LACKS, lambda found, s: imbalances(found, s)[1])
+_SHARED = on_the_intake(LACKS, lambda found, s: imbalances(found, s)[1])
 CATALOGUE = (
     *(_SHARED[f"maf.{name}"] for name in ("delay", "lag", "offset", "gain", "drift", "temperature")),
     Effect("maf.backflow", "coefficient", "1", 0.0, 0.05, -0.5, 2.0, "sensor", reading(pulsating), STEADY, True),
@@ -220,12 +209,12 @@ CATALOGUE = (
     Effect("omega_t.gain", "factor", "1", 1.0, 0.005, 0.8, 1.2, "omega_t", gain("omega_t"), BOOST),
     *(_SHARED[name] for name in ("T_im.lag", "leak.intake", "egr.leak", "egr.area", "eta_vol.factor")),
     Effect(
-        "compressor.flow", "factor", "1", 1.0, 0.03, 0.6, 1.3, "compressor", lacking(_LACKS, "compressor"), BOOST,
+        "compressor.flow", "factor", "1", 1.0, 0.03, 0.6, 1.3, "compressor", lacking(LACKS, "compressor"), BOOST,
         unlearned=0.2,
     ),
-    Effect("turbine.efficiency", "factor", "1", 1.0, 0.03, 0.5, 1.5, "turbine", lacking(_LACKS, "turbine"), BOOST),
+    Effect("turbine.efficiency", "factor", "1", 1.0, 0.03, 0.5, 1.5, "turbine", lacking(LACKS, "turbine"), BOOST),
     Effect(
-        "exhaust.restriction", "factor", "1", 1.0, 0.5, 0.3, 10.0, "exhaust", lacking(_LACKS, "exhaust"), BOOST,
+        "exhaust.restriction", "factor", "1", 1.0, 0.5, 0.3, 10.0, "exhaust", lacking(LACKS, "exhaust"), BOOST,
         unlearned=0.25,
     ),
 )  # fmt: skip
@@ -269,7 +258,7 @@ def diesel_model(
         moving=("n_e", "u_delta", "u_egr", "u_vgt", "p_im", "p_em", "omega_t", "T_im", "T_em"),
         fuel="u_delta",
         speed="n_e",
-        lacks=tuple(IN_ORDER),
+        lacks=tuple(LACKS.values()),
         constants=AsFound(constants, point.values),
         names=point.names,
         covariance=point.covariance,

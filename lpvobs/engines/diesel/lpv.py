@@ -59,6 +59,7 @@ class Diesel(AirPath):
     component_maps = COMPONENT_MAPS
     steep = COMPRESSOR
     volumes = correction.VOLUMES
+    cylinder_number = "n_cyl"
     axes = (intake.FUEL_AXIS, SPEED_AXIS)
     channels = channels("components", "diesel")
 
@@ -66,11 +67,6 @@ class Diesel(AirPath):
     def constants(self) -> DieselConstants:
         """The engine's constants, flat."""
         return constant.constants_of(self.engine)
-
-    @property
-    def cylinders(self) -> float:
-        """Number of cylinders."""
-        return float(self.engine.geometry.n_cyl)
 
     def engine_constants(self) -> Mapping[str, float]:
         """Return every constant of the engine by name."""

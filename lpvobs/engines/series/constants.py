@@ -4,7 +4,7 @@ from dataclasses import dataclass, fields
 from functools import cache
 from typing import Annotated, Any
 
-from lpvobs.engines.components.intake import Egr, Filling
+from lpvobs.engines.components.intake import Cylinders, Egr, Filling
 from lpvobs.engines.constants import Within, flat, flat_type, names_of
 
 
@@ -15,15 +15,6 @@ class Gases:
     R_a: Annotated[float, Within(280, 300, "J/(kg K)", "gas constant of air")]
     gamma_a: Annotated[float, Within(1.3, 1.42, "1", "ratio of heat capacities of air")]
     R_e: Annotated[float, Within(270, 310, "J/(kg K)", "gas constant of exhaust")]
-
-
-@dataclass(frozen=True)
-class Cylinders:
-    """Volume and cylinders."""
-
-    V_d: Annotated[float, Within(1e-4, 0.2, "m^3", "displacement")]
-    n_cyl: Annotated[int, Within(1, 24, "1", "number of cylinders")]
-    V_im: Annotated[float, Within(1e-4, 0.5, "m^3", "volume of a manifold")]
 
 
 @dataclass(frozen=True)

@@ -45,16 +45,12 @@ class SeriesPath(AirPath):
     temperature_names = ("T_im",)
     rate_names = ("a_im",)
     volumes = ("V_im",)
+    cylinder_number = "n_cyl"
 
     @cached_property
     def constants(self) -> Any:
         """The engine's constants, flat."""
         return constants_of(self.engine)
-
-    @property
-    def cylinders(self) -> float:
-        """Number of cylinders."""
-        return float(self.engine.geometry.n_cyl)
 
     def engine_constants(self) -> Mapping[str, float]:
         """Return every constant of the engine by name."""

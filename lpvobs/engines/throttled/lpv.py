@@ -48,6 +48,7 @@ class Throttled(AirPath):
     rate_names = ("a_ic", "a_im")
     balance_names = BALANCES
     smoothed = ("p_ic", "p_im")
+    cylinder_number = "n_cyl"
     usual_tolerance: ClassVar[Mapping[str, float]] = dict.fromkeys(CONSTANTS, LEVEL_TOLERANCE)
     axes = (MapAxis("m_f", "1", "fuel per stroke as logged"), SPEED_AXIS)
     channels = channels("throttled")
@@ -69,11 +70,6 @@ class Throttled(AirPath):
     def learned_from(self, logs: Sequence[Log]) -> "Throttled":
         """Return the air path with the curves and volumes that healthy logs show."""
         return replace(self, learned=learn(self.engine, logs))
-
-    @property
-    def cylinders(self) -> float:
-        """Number of cylinders."""
-        return float(self.engine.geometry.n_cyl)
 
     def engine_constants(self) -> Mapping[str, float]:
         """Return every scalar of the configured engine by name; what is learned is no part of it."""
