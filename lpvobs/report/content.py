@@ -114,8 +114,8 @@ class CycleView:
     title: str
     results: tuple[ResultView, ...]
     printed: bool  # whether the paper prints an error for this cycle, and the log knows its own
-    drive: Drive | None = None
-    estimates: tuple[Array, ...] = ()  # (N,) [kg/s] of each result along the drive, NaN where the map is not estimated
+    drive: Drive | None
+    estimates: tuple[Array, ...]  # (N,) [kg/s] of each result along the drive, NaN where the map is not estimated
 
 
 @dataclass(frozen=True)
@@ -148,17 +148,17 @@ class Report:
         made = [(view, log) for view in self.results for log in view.stored.logs if log.sha256 == digest]
         views = tuple(view for view, _ in made)
         printed = any(log.metrics and paper_error(view.stored.air_path, name) is not None for view, log in made)
-        if (drive := self.drives.get(digest)) is None:
-            return CycleView(cycle_title(name), views, printed)
-        maps = ((view.stored.grid, view.stored.theta) for view in views)
-        estimates = tuple(grid.interpolate(theta, drive.fuel, drive.speed) for grid, theta in maps)
+        estimates: tuple[Array, ...] = ()
+        if (drive := self.drives.get(digest)) is not None:
+            maps = ((view.stored.grid, view.stored.theta) for view in views)
+            estimates = tuple(grid.interpolate(theta, drive.fuel, drive.speed) for grid, theta in maps)
         return CycleView(cycle_title(name), views, printed, drive, estimates)
 
     @property
-    def best_fits(self) -> list[ResidualFit]:
-        """The balance that follows each log best."""
-        ordered = sorted(self.fits, key=lambda fit: -(fit.rms or 0.0))
-        return list({(fit.result, fit.log): fit for fit in ordered}.values())
+    def best_fits(self) -> dict[tuple[str, str], ResidualFit]:
+        """The balance that follows each log best, by the names of result and log."""
+        ordered = sorted(self.fits, key=lambda fit: -fit.rms)
+        return {(fit.result, fit.log): fit for fit in ordered}
 
 
 def load(paths: Sequence[Path]) -> Report:
@@ -232,8 +232,7 @@ def doubtful_nodes(supported: NDArray[np.bool_], standard_error: Array) -> NDArr
 
 def report_output(report: Report) -> outputs.ReportOutput:
     """Return the object of `report --json`."""
-    results = [_result_output(view) for view in report.results]
-    best = {(fit.result, fit.log): fit for fit in report.best_fits}
+    results, best = [_result_output(view) for view in report.results], report.best_fits
     logs = [
         outputs.ReportedLog(
             result=name,
