@@ -19,7 +19,6 @@ from lpvobs.observer.estimate import PASSES, EngineFound, Point
 from lpvobs.observer.information import solve
 from lpvobs.observer.parts import StateGain, added_up, inform
 from lpvobs.observer.prior import AMPLITUDE_SPREAD, AMPLITUDES, prior_of, swept
-from lpvobs.observer.windows import Columns
 from lpvobs.records import Array, Recording
 
 Floats = Sequence[float]
@@ -59,22 +58,16 @@ def calibrated(air_path: AirPath, prior: Unknowns, tables: Sequence[Table]) -> C
         left = left or [LEFT[3]] * len(rows.kind)
         if step < 2:
             amplitudes, left = likeliest(seen, rows.measured(), amplitudes, left)
-        mean, covariance = posterior(seen, rows, amplitudes, left)
-        moves = mean[: len(prior.constants)]
-        point = {
-            name: (1.0 + point.get(name, 0.0)) * (1.0 + move) - 1.0
-            for name, move in zip(prior.constants, moves.tolist(), strict=True)
-        }
-        if np.abs(moves).max(initial=0.0) < SMALL_STEP:
+        found = EngineFound(seen, point, *posterior(seen, rows, amplitudes, left))
+        point = found.deviation()
+        if np.abs(found.mean[: len(prior.constants)]).max(initial=0.0) < SMALL_STEP:
             break
-    total = mean.copy()
-    total[: len(prior.constants)] = list(point.values())
-    found = replace(prior, mean=total, covariance=covariance, learned=True)
     held_out, error = left_out(seen, rows, amplitudes, left)
     by_group = dict(zip(prior.groups(), amplitudes, strict=True))
     z = np.array([before.get(mark, np.nan) for mark in _marks(rows)])
     shares = dict(zip((kind.name for kind in rows.kind), left, strict=True))
-    return Calibration(found, prior, by_group, rows, z, shares, held_out, error, rows.z - rows.J @ mean)
+    residual = rows.z - rows.J @ found.mean
+    return Calibration(found.after(), prior, by_group, rows, z, shares, held_out, error, residual)
 
 
 def _marks(rows: Rows) -> list[tuple[int, int]]:
@@ -150,9 +143,7 @@ def taught(
     # Sums are kept over the cells of the grid; each log is gone through once a pass.
     point = start
     for turn in range(PASSES):
-        unknowns = point.unknowns
-        layout = Columns(grid.size, unknowns.size, len(point.configured.balance_names))
-        parts = []
+        unknowns, layout, parts = point.unknowns, point.columns(grid), []
         for count, log in enumerate(logs, 1):
             parts.append(inform(point.air_path, grid, gain, log, point.settings, unknowns))
             told((turn + count / len(logs)) / PASSES)
@@ -171,11 +162,9 @@ def taught(
     left_over = solve(layout, total, replace(prior_of(grid, point.settings.prior_map, exactly), may_follow=False))
     # What the engine's formulas leave is the map at known unknowns, and how it goes with them.
     at_nodes = LeftAtNodes(grid.fuel, grid.speed, left_over.theta, -left_over.response, left_over.noise)
-    mean = found.mean.copy()
-    mean[: len(unknowns.constants)] = list(found.deviation().values())
     before = start.unknowns
     return Taught(
-        unknowns=replace(before, mean=mean, covariance=found.covariance, learned=True, at_nodes=at_nodes),
+        unknowns=replace(found.after(), at_nodes=at_nodes),
         prior_error=np.sqrt(np.diag(before.scaled(solution.scales.amplitudes))),
         amplitudes=dict(zip(before.groups(), solution.scales.amplitudes, strict=True)),
     )

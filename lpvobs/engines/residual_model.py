@@ -16,7 +16,7 @@ from lpvobs.engines.curves import Nodes
 from lpvobs.engines.effects import Effect, Signals
 from lpvobs.engines.followers import Follower
 from lpvobs.engines.healthy import HealthyErrors
-from lpvobs.engines.unknowns import Component
+from lpvobs.engines.unknowns import matern
 from lpvobs.errors import UsageError
 from lpvobs.records import Array, Log
 
@@ -77,9 +77,8 @@ class ComponentCurve:
 
     def correlations(self) -> tuple[Array, Array]:
         """Return the correlation of the values at the nodes: of a curve over the first input alone, and of a surface."""
-        along, across = self.lengths
-        surface = Component(self.id, "1", "", self.deviation, axes=self.axes, lengths=self.lengths)
-        return replace(surface, lengths=(along, FLAT * across)).correlation(), surface.correlation()
+        (along, across), nodes = self.lengths, [axis.values for axis in self.axes.values()]
+        return matern(nodes, (along, FLAT * across)), matern(nodes, self.lengths)
 
 
 @dataclass(frozen=True)

@@ -45,12 +45,17 @@ class Component:
         return tuple(self.name + "".join(f"[{i}]" for i in place) for place in np.ndindex(*shape))
 
     def correlation(self) -> Array:
-        """Return the correlation of its values, shape (size, size): the product of Matern 3/2 over the axes."""
-        total = np.ones((1, 1))
-        for axis, length in zip(self.axes.values(), self.lengths, strict=True):
-            away = np.sqrt(3.0) * np.abs(axis.values[:, None] - axis.values) / length
-            total = np.kron(total, (1.0 + away) * np.exp(-away))
-        return total
+        """Return the correlation of its values, shape (size, size)."""
+        return matern([axis.values for axis in self.axes.values()], self.lengths)
+
+
+def matern(axes: Sequence[Array], lengths: Sequence[float]) -> Array:
+    """Return the correlation of values at all nodes of some axes, row by row: the product of Matern 3/2 over the axes."""
+    total = np.ones((1, 1))
+    for nodes, length in zip(axes, lengths, strict=True):
+        away = np.sqrt(3.0) * np.abs(nodes[:, None] - nodes) / length
+        total = np.kron(total, (1.0 + away) * np.exp(-away))
+    return total
 
 
 def places_of(components: Sequence[Component], begin: int = 0) -> dict[str, slice]:

@@ -60,6 +60,12 @@ class EngineFound:
         """Return the relative deviation of every constant from the configured one."""
         return {name: (1.0 + self.point.get(name, 0.0)) * (1.0 + share) - 1.0 for name, share in self.moved().items()}
 
+    def after(self) -> Unknowns:
+        """Return what is known now, deviations counted from the configured values."""
+        mean = self.mean.copy()
+        mean[: len(self.unknowns.constants)] = list(self.deviation().values())
+        return replace(self.unknowns, mean=mean, covariance=self.covariance, learned=True)
+
     def before(self) -> Unknowns:
         """Return the prior, deviations counted from the configured values."""
         return self.unknowns.seen_from({name: 1.0 / (1.0 + share) - 1.0 for name, share in self.point.items()})
@@ -195,7 +201,7 @@ def of_sums(grid: Grid, total: Moments, runs: Sequence[LogRun], point: Point) ->
             solution.mean[engine],
             of_engine,
             solution.scales.amplitudes,
-            step=solution.stiff[engine],
+            solution.stiff[engine],
         ),
         along_flow=solution.along_flow,
     )

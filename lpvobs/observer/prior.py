@@ -6,8 +6,7 @@ from functools import cache
 
 import numpy as np
 
-from lpvobs.engines.curves import Nodes
-from lpvobs.engines.unknowns import Component, Unknowns
+from lpvobs.engines.unknowns import Unknowns, matern
 from lpvobs.maps.grid import Grid
 from lpvobs.observer.windows import Columns
 from lpvobs.records import Array
@@ -63,10 +62,8 @@ class Prior:
 
 def prior_of(grid: Grid, node: float, unknowns: Unknowns) -> Prior:
     """Return the prior of logs; `node` [kg/s] is the standard deviation of a node."""
-    axes = {name: Nodes(values, "1", "") for name, values in (("speed", grid.speed), ("fuel", grid.fuel))}
-    lengths = tuple(ALIKE * float(np.ptp(axis.values)) for axis in axes.values())
-    repeated = Component("repeated", "kg/s", "", 1.0, axes=axes, lengths=lengths)
-    return Prior(node, unknowns, repeated.correlation())
+    axes = (grid.speed, grid.fuel)
+    return Prior(node, unknowns, matern(axes, [ALIKE * float(np.ptp(nodes)) for nodes in axes]))
 
 
 def swept(

@@ -28,7 +28,7 @@ def put_right(
     """
     moved = {name: sensor for name, sensor in sensors.items() if sensor.tau or sensor.late}
     widths = {name: max(narrowest, SHARE * sensor.tau) for name, sensor in moved.items()}
-    steady = (_without_pulsation(piece, sensors, pulsation) for piece in pieces)
+    steady = pieces if pulsation is None else (_without_pulsation(piece, sensors, pulsation) for piece in pieces)
     if not moved:
         yield from steady
         return
@@ -41,12 +41,10 @@ def put_right(
             yield Piece(held.time[own], {**channels, **right}, begins)
 
 
-def _without_pulsation(piece: Piece, sensors: Mapping[str, Sensor], pulsation: Pulsation | None) -> Piece:
-    wrong = (
-        {} if pulsation is None else {n: s.pulsation for n, s in sensors.items() if s.pulsation and n in piece.channels}
-    )
-    right = {name: piece.channels[name] / pulsation(piece.channels, x) for name, x in wrong.items()}  # type: ignore[misc]
-    return Piece(piece.time, {**piece.channels, **right}, piece.begins) if right else piece
+def _without_pulsation(piece: Piece, sensors: Mapping[str, Sensor], pulsation: Pulsation) -> Piece:
+    wrong = {name: sensor.pulsation for name, sensor in sensors.items() if sensor.pulsation and name in piece.channels}
+    right = {name: piece.channels[name] / pulsation(piece.channels, x) for name, x in wrong.items()}
+    return Piece(piece.time, {**piece.channels, **right}, piece.begins)
 
 
 def _earlier(held: Held, ready: int, name: str, sensor: Sensor, half_width: float) -> Array:

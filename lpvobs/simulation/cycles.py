@@ -89,17 +89,12 @@ def _cycle_of(columns: dict[str, list[str]], end: float, world_harmonised: bool)
         # no torque where the table says motoring and, as regulations do, leaves the torque open
         torques = zip(columns["torque_norm_pct"], columns["motoring"], strict=True)
         columns["torque_norm_pct"] = [w if w.strip() or driven.strip() != "1" else "0" for w, driven in torques]
-        speed, torque = (
-            _numbers(columns, "speed_norm_pct", -20.0, 150.0),
-            _numbers(columns, "torque_norm_pct", -100.0, 120.0),
-        )
+        speed = _numbers(columns, "speed_norm_pct", -20.0, 150.0)
+        torque = _numbers(columns, "torque_norm_pct", -100.0, 120.0)
         still = (_numbers(columns, "motoring") != 0.0) | (torque < 0.0)
         return EngineCycle(time[keep], speed[keep], torque[keep], still[keep], world_harmonised)
-    speed, gear, engaged = (
-        _numbers(columns, "speed_kmh", 0.0, 300.0),
-        np.full(time.size, -1),
-        np.ones(time.size, dtype=bool),
-    )
+    speed = _numbers(columns, "speed_kmh", 0.0, 300.0)
+    gear, engaged = np.full(time.size, -1), np.ones(time.size, dtype=bool)
     if "gear" in columns and "clutch" in columns:
         gear = np.maximum(_numbers(columns, "gear").astype(np.int64), 0)
         engaged = np.array([text.strip() in ("engaged", "gear_change") for text in columns["clutch"]])

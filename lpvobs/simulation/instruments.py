@@ -29,11 +29,14 @@ def measure(name: str, values: Array, sensors: Sensors, seed: int) -> Array:
     return read_with(name, values, Quality(spread, getattr(sensors.quantisation, name, 0.0)), seed)
 
 
+def stream_of(seed: int, name: str) -> np.random.Generator:
+    """Return the random numbers of one channel, constant or part of a road: one more of them changes no other."""
+    return np.random.Generator(np.random.PCG64([seed, zlib.crc32(name.encode())]))
+
+
 def read_with(name: str, values: Array, quality: Quality, seed: int) -> Array:
     """Return the readings of a sensor, shape (N,)."""
-    # Every channel draws from a stream of its own, so that one channel more changes no other.
-    stream = np.random.Generator(np.random.PCG64([seed, zlib.crc32(name.encode())]))
-    noisy = values + quality.spread * stream.standard_normal(values.size)
+    noisy = values + quality.spread * stream_of(seed, name).standard_normal(values.size)
     return np.asarray(np.round(noisy / quality.step) * quality.step if quality.step > 0 else noisy)
 
 

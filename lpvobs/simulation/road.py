@@ -5,7 +5,6 @@ pressure and temperature of the air, the intake soaks heat while the car stands,
 and off. All of it follows from the seed. A slope changes the air but not the load: the cycle prescribes speed or torque.
 """
 
-import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import exp, pi, sqrt
@@ -14,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from lpvobs.records import Array
-from lpvobs.simulation.instruments import Quality, read_with
+from lpvobs.simulation.instruments import Quality, read_with, stream_of
 
 GRID = 0.5  # s, of what changes slowly
 GRAVITY = 9.81  # m/s^2
@@ -76,20 +75,18 @@ def road(period: float, p_0: float, T_0: float, speed: Array, measured: bool, he
     slow = np.arange(0.0, time[-1] + 2.0 * GRID, GRID)
     coarse_speed, coarse_heat = np.interp(slow, time, speed), np.interp(slow, time, _mean_over(heat, GRID / period))
     height = altitude(np.cumsum(coarse_speed) * GRID, seed)
-    air = T_0 + wander(slow.size, 1.5, 300.0, _stream(seed, "weather")) - LAPSE * height
+    air = T_0 + wander(slow.size, 1.5, 300.0, stream_of(seed, "road weather")) - LAPSE * height
     T_amb = air + heat_soak(coarse_speed, seed)
     p_amb = p_0 * np.exp(-GRAVITY * height / (287.0 * T_0))
     on = air_conditioning(time, np.interp(time, slow, air), seed)
-    damp = _stream(seed, "humidity").uniform(35.0, 75.0) + wander(slow.size, 8.0, 250.0, _stream(seed, "front"))
+    damp = stream_of(seed, "road humidity").uniform(35.0, 75.0) + wander(
+        slow.size, 8.0, 250.0, stream_of(seed, "road front")
+    )
     coarse = {"T_coolant": coolant(coarse_heat, air, seed), "humidity": np.clip(damp, 5.0, 98.0), "p_baro": p_amb}
     channels = {name: np.interp(time, slow, values) for name, values in coarse.items()} | {"ac_switch": on}
     if measured:
         channels["v_veh"] = 3.6 * speed
     return Road(channels["p_baro"], np.interp(time, slow, T_amb), AC_TORQUE * on, channels)
-
-
-def _stream(seed: int, name: str) -> np.random.Generator:
-    return np.random.Generator(np.random.PCG64([seed, zlib.crc32(f"road {name}".encode())]))
 
 
 def _mean_over(values: Array, width: float) -> Array:
@@ -101,7 +98,7 @@ def _mean_over(values: Array, width: float) -> Array:
 
 def altitude(distance: Array, seed: int) -> Array:
     """Return the height over the start [m] after a distance [m]: three waves of hills, each up to 4 % steep."""
-    stream = _stream(seed, "altitude")
+    stream = stream_of(seed, "road altitude")
     height = np.zeros(distance.size)
     for length in stream.uniform((1500.0, 3000.0, 6000.0), (3000.0, 6000.0, 12000.0)):
         steepness, phase = stream.uniform(0.01, 0.04), stream.uniform(0.0, 2.0 * pi)
@@ -126,7 +123,7 @@ def wander(size: int, spread: float, memory: float, stream: np.random.Generator)
 
 def heat_soak(speed: Array, seed: int) -> Array:
     """Return by how much the intake warms the air [K], shape (M,) every `GRID` seconds: much after standing, little under way."""
-    warmer = _stream(seed, "soak").uniform(0.0, SOAK)
+    warmer = stream_of(seed, "road soak").uniform(0.0, SOAK)
     course = np.empty(speed.size)
     for k in range(speed.size):
         course[k] = warmer
@@ -137,7 +134,7 @@ def heat_soak(speed: Array, seed: int) -> Array:
 
 def coolant(heat: Array, air: Array, seed: int) -> Array:
     """Return the coolant's temperature [K], shape (M,) every `GRID` seconds: warm-up from a random start to the thermostat."""
-    now = air[0] + _stream(seed, "coolant").uniform(0.0, 40.0)
+    now = air[0] + stream_of(seed, "road coolant").uniform(0.0, 40.0)
     opens, is_open = THERMOSTAT
     course = np.empty(heat.size)
     for k in range(heat.size):
@@ -150,7 +147,7 @@ def coolant(heat: Array, air: Array, seed: int) -> Array:
 def air_conditioning(time: Array, air: Array, seed: int) -> Array:
     """Return 1 where the compressor of the air conditioning runs, else 0, shape (M,): the evaporator's thermostat."""
     # The hotter it is outside, the longer it takes to cool down and the sooner it has to begin again.
-    stream = _stream(seed, "air conditioning")
+    stream = stream_of(seed, "road air conditioning")
     on, moment = bool(stream.random() < 0.5), float(-stream.uniform(0.0, AC_ON))
     running = np.zeros(time.size)
     while moment < time[-1]:

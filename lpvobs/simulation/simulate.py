@@ -1,6 +1,5 @@
 """From a cycle to a recorded log with its truth; effects inside the engine are its condition from each moment on."""
 
-import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import ceil, floor
@@ -16,7 +15,7 @@ from lpvobs.errors import UsageError
 from lpvobs.records import Array
 from lpvobs.simulation.disturbances import ChannelEffect, Injected
 from lpvobs.simulation.effects import CATALOGUE, CatalogueEffect, Timed
-from lpvobs.simulation.instruments import record, shown_late
+from lpvobs.simulation.instruments import record, shown_late, stream_of
 from lpvobs.simulation.integrate import Trip, drive, sample_times, targets_of
 from lpvobs.simulation.parameters import ErrorSurface, SimulationParameters
 from lpvobs.simulation.plant import SOUND, Condition, Plant, Rise, plant_of, resting_state
@@ -172,6 +171,5 @@ def drawn(
         if name not in names or name.startswith("Q_") or name == "n_cyl":
             known = ", ".join(sorted(set(names) - GIVEN))
             raise UsageError(f"constant '{name}' cannot be varied at random; expected one or more of {known}")
-    streams = {name: np.random.PCG64([seed, zlib.crc32(f"constant {name}".encode())]) for name in within}
-    deviation = {name: size * np.random.Generator(streams[name]).uniform(-1.0, 1.0) for name, size in within.items()}
+    deviation = {n: size * stream_of(seed, f"constant {n}").uniform(-1.0, 1.0) for n, size in within.items()}
     return scaled(engine, deviation), deviation

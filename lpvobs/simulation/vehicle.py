@@ -119,8 +119,8 @@ def _follow(
         n_e[k], u_delta[k], speed[k] = now.n_e, now.u_delta, now.speed
         missing = car.speed_gain * (wanted[k] - now.speed)
         force = car.mass * (foreseen[k] + missing) + road_load(car, now.speed)
-        now = shifted(car, work, now, force, wanted[k], gear[k], engaged[k])
-        now = moved(car, work, now, force, dt)
+        shift = shifted(car, work, now, force, wanted[k], gear[k], engaged[k])
+        now = moved(car, work, Moment(now.speed, now.n_e, now.u_delta, shift[0], shift[1], shift[2]), force, dt)
     return n_e, u_delta, speed
 
 
@@ -138,24 +138,25 @@ def fuel_in_gear(car: Car, work: Work, speed: float, force: float, gear: int) ->
 
 
 @njit(cache=True)
-def shifted(car: Car, work: Work, now: Moment, force: float, wanted: float, gear: int, engaged: bool) -> Moment:
-    """Return the moment with gear and clutch as the driver, or the table, wants them."""
+def shifted(
+    car: Car, work: Work, now: Moment, force: float, wanted: float, gear: int, engaged: bool
+) -> tuple[int, float, bool]:
+    """Return gear, time since the shift [s], and whether the clutch transmits, as the driver, or the table, wants them."""
     if gear >= 0:
         since = now.since_shift if gear == now.gear else 0.0
         stalling = force <= 0.0 and car.ratio[gear] * now.speed * RPM < car.idle_speed
-        closed = engaged and not stalling and since >= car.shift_time
-        return Moment(now.speed, now.n_e, now.u_delta, gear, since, closed)
+        return gear, since, engaged and not stalling and since >= car.shift_time
     gear = now.gear
     standing = wanted < STANDSTILL and now.speed < STANDSTILL
     stalling = force <= 0.0 and car.ratio[gear] * now.speed * RPM < 1.1 * car.idle_speed
     if standing or stalling:
-        return Moment(now.speed, now.n_e, now.u_delta, gear_for(car, now.speed), 10.0, False)
+        return gear_for(car, now.speed), 10.0, False
     if now.since_shift < car.shift_time:
-        return Moment(now.speed, now.n_e, now.u_delta, gear, now.since_shift, False)
+        return gear, now.since_shift, False
     chosen = choose_gear(car, work, now, force)
     if chosen != gear:
-        return Moment(now.speed, now.n_e, now.u_delta, chosen, 0.0, False)
-    return Moment(now.speed, now.n_e, now.u_delta, gear, now.since_shift, True)
+        return chosen, 0.0, False
+    return gear, now.since_shift, True
 
 
 @njit(cache=True)
