@@ -35,10 +35,8 @@ def ingest(sources: Sequence[Path], profile: profiles.Profile, by: ProfileDone =
     """
     opened = [open_recording(path, profile.source) for path in sources]
     read = [Source(each, profile, names) for each, names in zip(opened, _find_all(opened, profile), strict=True)]
-    samples = {}
-    for name in profile.channels:
-        if parts := [source.samples[name] for source in read if name in source.samples]:
-            samples[name] = _joined(name, parts, profile)
+    parts = {name: [source.samples[name] for source in read if name in source.samples] for name in profile.channels}
+    samples = {name: _joined(name, each, profile) for name, each in parts.items() if each}
     start = float(min(item.time[0] for item in samples.values()))
     if profile.time.from_zero:
         samples = {name: replace(item, time=item.time - start) for name, item in samples.items()}

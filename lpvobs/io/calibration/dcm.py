@@ -50,8 +50,7 @@ class DcmMap:
 
     def turned(self) -> "DcmMap":
         """Return the same map with X and Y exchanged."""
-        x, y, unit_x, unit_y = self.y, self.x, self.unit_y, self.unit_x
-        return replace(self, x=x, y=y, values=self.values.T, unit_x=unit_x, unit_y=unit_y)
+        return replace(self, x=self.y, y=self.x, values=self.values.T, unit_x=self.unit_y, unit_y=self.unit_x)
 
     def in_units(self, x: str, y: str, values: str) -> tuple["DcmMap", bool]:
         """Return the map in these units, and whether it was turned for them; raises ValueError where its own do not convert."""

@@ -93,8 +93,7 @@ class Config:
 
     def grid(self) -> Grid:
         """Return the grid of the map, fuel axis first."""
-        fuel, speed = (self.map[axis.channel].nodes() for axis in self.kind.air_path.axes)
-        return Grid(fuel, speed)
+        return Grid(*(self.map[axis.channel].nodes() for axis in self.kind.air_path.axes))
 
 
 @cache

@@ -61,7 +61,7 @@ def _rows(table: Path) -> dict[Path, dict[str, str]]:
             rows = [{key: str(value) for key, value in row.items()} for row in pq.read_table(table).to_pylist()]
         else:
             with table.open(encoding="utf-8", newline="") as stream:
-                rows = [dict(row) for row in csv.DictReader(stream)]
+                rows = list(csv.DictReader(stream))
         named = [(log_path(Path(row.pop("log"))), row) for row in rows]
         return {(path if isinstance(path, RemotePath) else table.parent / path).resolve(): row for path, row in named}
     except (OSError, ValueError, KeyError, csv.Error):
