@@ -48,9 +48,8 @@ def healthy_errors(parts: Sequence[tuple[Array, NDArray[np.bool_], Array, Array]
     A part is of one log: residuals and where each balance counts, both of shape (B, K), the transience of its blocks and the number
     of the minute that each belongs to, both of shape (K,).
     """
-    residual, counts, transience = (np.concatenate([part[i] for part in parts], axis=-1) for i in range(3))
+    residual, shown, transience = (np.concatenate([part[i] for part in parts], axis=-1) for i in range(3))
     chunk = np.concatenate([part[3] + 1e4 * number for number, part in enumerate(parts)])
-    shown = counts.astype(bool)
     partly = ~shown.all(axis=1)
     level = [np.median(r[on]) if on.any() and not on.all() else 0.0 for r, on in zip(residual, shown, strict=True)]
     residual = residual - np.array(level)[:, None]

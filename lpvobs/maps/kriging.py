@@ -190,12 +190,6 @@ def known_nodes(grid: Grid, theta: Array, covariance: Array, supported: NDArray[
     x, y = place = trend[:, 1], trend[:, 3]
     chosen = np.flatnonzero(supported)
     quadratic.refuse_too_few(design[chosen])
-    return KnownNodes(
-        np.stack(place, axis=-1),
-        trend,
-        np.stack([x**3, x * x * y, x * y * y, y**3], axis=-1),
-        chosen,
-        design[chosen],
-        theta.ravel()[chosen],
-        covariance[np.ix_(chosen, chosen)],
-    )
+    cubes = np.stack([x**3, x * x * y, x * y * y, y**3], axis=-1)
+    z, noise = theta.ravel()[chosen], covariance[np.ix_(chosen, chosen)]
+    return KnownNodes(np.stack(place, axis=-1), trend, cubes, chosen, design[chosen], z, noise)

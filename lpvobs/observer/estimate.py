@@ -187,6 +187,7 @@ def of_sums(grid: Grid, total: Moments, runs: Sequence[LogRun], point: Point) ->
     theta, covariance, noise = _since_known(grid, solution, unknowns)
     nodes, of_engine = slice(layout.nodes), solution.covariance[engine, engine]
     coupled = covariance[nodes, engine] @ unknowns.reduction
+    amplitudes, step = solution.scales.amplitudes, solution.stiff[engine]
     estimate = replace(
         finished("observer", grid, theta, covariance[nodes, nodes], runs, of_cells(grid, total.gram), settings),
         noise=noise,
@@ -195,14 +196,7 @@ def of_sums(grid: Grid, total: Moments, runs: Sequence[LogRun], point: Point) ->
         sensitivity=np.asarray(np.linalg.solve(unknowns.reduced(of_engine), coupled.T)).reshape(-1, *grid.shape),
         # Far from where it is linearised, a compressor of other constants looks like one that needs large corrections, and
         # stays there. So the constants take each step, and only the last solution has corrections as large as they may be.
-        engine=EngineFound(
-            unknowns,
-            point.deviation,
-            solution.mean[engine],
-            of_engine,
-            solution.scales.amplitudes,
-            solution.stiff[engine],
-        ),
+        engine=EngineFound(unknowns, point.deviation, solution.mean[engine], of_engine, amplitudes, step),
         along_flow=solution.along_flow,
     )
     return estimate, solution

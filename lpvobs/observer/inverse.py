@@ -54,9 +54,7 @@ def _cofactors(M, T):  # type: ignore[no-untyped-def]
 @njit(cache=True)
 def _up_to_a_factor(states, M, T, spare, t):  # type: ignore[no-untyped-def]
     n = len(states)
-    for i in range(n):
-        for j in range(n):
-            T[i, j] = M[i, j]
+    T[:] = M
     if n == 1:
         T[0, 0] = 1.0
     for p in range(1, n):

@@ -150,7 +150,7 @@ def compressor_flow(plant: Plant, p_im: float, omega_t: float, p_amb: float, T_a
 
 
 @njit(cache=True)
-def compressor_heating(plant: Plant, W_c: float, p_im: float, p_amb: float, T_amb: float, loss: float = 1.0) -> float:
+def compressor_heating(plant: Plant, W_c: float, p_im: float, p_amb: float, T_amb: float, loss: float) -> float:
     """Return by how much the compressor heats the air [K]; its power, Eq. (2), is W_c c_pa times this."""
     # `loss` multiplies what efficiency lacks to one.
     c = plant.engine

@@ -79,9 +79,8 @@ def road(period: float, p_0: float, T_0: float, speed: Array, measured: bool, he
     T_amb = air + heat_soak(coarse_speed, seed)
     p_amb = p_0 * np.exp(-GRAVITY * height / (287.0 * T_0))
     on = air_conditioning(time, np.interp(time, slow, air), seed)
-    damp = stream_of(seed, "road humidity").uniform(35.0, 75.0) + wander(
-        slow.size, 8.0, 250.0, stream_of(seed, "road front")
-    )
+    front = wander(slow.size, 8.0, 250.0, stream_of(seed, "road front"))
+    damp = stream_of(seed, "road humidity").uniform(35.0, 75.0) + front
     coarse = {"T_coolant": coolant(coarse_heat, air, seed), "humidity": np.clip(damp, 5.0, 98.0), "p_baro": p_amb}
     channels = {name: np.interp(time, slow, values) for name, values in coarse.items()} | {"ac_switch": on}
     if measured:

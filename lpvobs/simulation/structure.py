@@ -9,16 +9,9 @@ from math import cos, exp, pi, sin, sqrt, tanh
 from typing import NamedTuple
 
 from lpvobs.compiled import njit
+from lpvobs.simulation import plant as relation
 from lpvobs.simulation.parameters import Amplitudes
-from lpvobs.simulation.plant import (
-    Inputs,
-    Plant,
-    compressor_flow,
-    egr_flow,
-    turbine_flow,
-    turbine_power,
-    vgt_area_ratio,
-)
+from lpvobs.simulation.plant import Inputs, Plant
 
 RUNNER = 0.45  # m, intake runner from plenum to valve; 0.3 to 0.6 in passenger cars
 CROWDED = 20.0  # kg/(s m^3), at which the charge is heated as the constants say: middle of the range
@@ -85,7 +78,7 @@ def other_egr(
     factor = area_factor(amplitude, u_egr, plant.engine.c_egr1, plant.engine.c_egr2)
     pulse, flow = pulsation(amplitude, n_e, u_delta, T_em), 0.0
     for phase in PHASES:
-        flow += 0.25 * egr_flow(plant, p_im, p_em * (1.0 + pulse * phase), u_egr, T_im, T_em, factor)
+        flow += 0.25 * relation.egr_flow(plant, p_im, p_em * (1.0 + pulse * phase), u_egr, T_im, T_em, factor)
     return flow
 
 
@@ -181,12 +174,12 @@ def stage_flow(plant: Plant, p_out: float, p_in: float, omega_t: float, T_in: fl
     # Houbak and Hendricks, SAE 910070, 1991), through the model's points of no flow and of no head: lines bend less at low
     # speed and more at high. Flow follows half of what Reynolds' number does to efficiency (Casey, J. Eng. Gas Turbines
     # Power 107, 1985).
-    W_c = compressor_flow(plant, p_out, omega_t, p_in, T_in)
+    W_c = relation.compressor_flow(plant, p_out, omega_t, p_in, T_in)
     amplitude = plant.structure.compressor
     if amplitude == 0.0:
         return W_c
     U = plant.engine.R_c * omega_t
-    widest = compressor_flow(plant, p_in, omega_t, p_in, T_in)
+    widest = relation.compressor_flow(plant, p_in, omega_t, p_in, T_in)
     if W_c < widest:
         x = W_c / widest
         head = sqrt(1.0 - x * x)  # over the head of no flow, on the model's ellipse
@@ -220,8 +213,8 @@ def other_turbine(
     amplitude = plant.structure.turbine
     T_in = turbine_inlet(amplitude, T_em, given.T_amb, W_eo / plant.engine.V_d)
     area = turbine_area(plant, u_vgt, omega_t, T_in)
-    W_t, Pi_t = turbine_flow(plant, p_em, u_vgt, T_in, given.p_amb, area)
-    return W_t, turbine_factor(amplitude, u_vgt, given.n_e) * turbine_power(plant, W_t, Pi_t, omega_t, T_in)
+    W_t, Pi_t = relation.turbine_flow(plant, p_em, u_vgt, T_in, given.p_amb, area)
+    return W_t, turbine_factor(amplitude, u_vgt, given.n_e) * relation.turbine_power(plant, W_t, Pi_t, omega_t, T_in)
 
 
 @njit(cache=True)
@@ -242,7 +235,7 @@ def turbine_area(plant: Plant, u_vgt: float, omega_t: float, T_in: float) -> flo
     amplitude, c = plant.structure.turbine, plant.engine
     throat = sin((12.0 + 0.66 * min(max(u_vgt, 0.0), 100.0)) * pi / 180.0) / sin(78.0 * pi / 180.0)
     thrown = 0.15 * ((c.R_t * omega_t) ** 2 / (c.gamma_e * c.R_e * T_in) - 0.16)
-    return (1.0 + amplitude * (throat / vgt_area_ratio(plant, u_vgt) - 1.0)) * (1.0 - amplitude * thrown)
+    return (1.0 + amplitude * (throat / relation.vgt_area_ratio(plant, u_vgt) - 1.0)) * (1.0 - amplitude * thrown)
 
 
 @njit(cache=True)

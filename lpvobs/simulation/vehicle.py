@@ -119,8 +119,8 @@ def _follow(
         n_e[k], u_delta[k], speed[k] = now.n_e, now.u_delta, now.speed
         missing = car.speed_gain * (wanted[k] - now.speed)
         force = car.mass * (foreseen[k] + missing) + road_load(car, now.speed)
-        shift = shifted(car, work, now, force, wanted[k], gear[k], engaged[k])
-        now = moved(car, work, Moment(now.speed, now.n_e, now.u_delta, shift[0], shift[1], shift[2]), force, dt)
+        chosen, since, closed = shifted(car, work, now, force, wanted[k], gear[k], engaged[k])
+        now = moved(car, work, Moment(now.speed, now.n_e, now.u_delta, chosen, since, closed), force, dt)
     return n_e, u_delta, speed
 
 

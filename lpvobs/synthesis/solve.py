@@ -56,14 +56,9 @@ def certify_fixed_gain(problem: GainProblem, L: Array, epsilon: tuple[float, flo
     closed = A - L @ C
     units = balance(closed, C)
     T, S, rate = units.states, units.outputs, units.rate
-    m = problem.map_output
-    found = lmi.fixed_gain(
-        np.round(closed * T / T[:, None] / rate, DIGITS),
-        L * S / T[:, None] / rate,
-        np.round(C[:, m] * T / S[m], DIGITS),
-        m,
-        epsilon[0] * epsilon[1],
-    )
+    m, L_balanced = problem.map_output, L * S / T[:, None] / rate
+    closed_balanced, C_2 = np.round(closed * T / T[:, None] / rate, DIGITS), np.round(C[:, m] * T / S[m], DIGITS)
+    found = lmi.fixed_gain(closed_balanced, L_balanced, C_2, m, epsilon[0] * epsilon[1])
     if isinstance(found, str):
         raise NotProven(_refusal(problem, f"no matrices P and Q were found that prove the given gain ({found})"))
     return _proven(problem, units, found, L, epsilon)

@@ -3,7 +3,7 @@
 Relations after Wahlstrom and Eriksson (2011), the paper's reference 16, with one change a small car engine needs, marked (+): a
 compressor that passes more flow when the pressure ratio falls below one. Cylinders and EGR: `components.intake`.
 
-A form that a component's relation may have is a name in `constants`, a function here, and a line in the function that chooses.
+A form that a component's relation may have is a name in `constants`, its formula here, and a line in the function that chooses.
 The choice is the same for a whole log, so the compiler takes it out of the loops over samples.
 """
 
@@ -54,14 +54,8 @@ def turbine_loss(c: DieselConstants, omega_t: float) -> float:
     """Return c_m [-], by which the turbine's efficiency falls with the square of the distance from the best blade speed ratio."""
     if c.turbine_form == CONSTANT:
         return c.c_m
-    return loss_over_rotor_speed(c, omega_t)
-
-
-@njit(cache=True)
-def loss_over_rotor_speed(c: DieselConstants, omega_t: float) -> float:
-    """Return c_m1 max(0, omega_t - c_m2)^c_m3; Wahlstrom and Eriksson (2011)."""
     beyond: float = max(omega_t - c.c_m2, 0.0) ** c.c_m3
-    return c.c_m1 * beyond
+    return c.c_m1 * beyond  # Wahlstrom and Eriksson (2011)
 
 
 TURBINE_PASSES = 3

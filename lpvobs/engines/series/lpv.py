@@ -140,12 +140,9 @@ class Series(SeriesPath):
         wide, _ = flows.egr(c, {**x, "u_egr": np.full(W_ei.size, opening[-1])}, W_ei)
         area = intake.egr_area(c, opening) / intake.egr_area(c, opening[-1:])
         less = np.maximum(W_ei - x["W_maf"], 0.0)
-        lifted = np.interp(less / np.maximum(wide, 1e-9), area, opening)
+        valve = np.where(less < MISSED * W_ei, 0.0, np.interp(less / np.maximum(wide, 1e-9), area, opening))
         return {
-            "u_egr": (
-                "shut where the sensor reads what the cylinders draw",
-                np.where(less < MISSED * W_ei, 0.0, lifted),
-            ),
+            "u_egr": ("shut where the sensor reads what the cylinders draw", valve),
             "lambda_e": ("fresh air over fuel", np.maximum((W_ei - self.returned(x, W_ei)) / burnt, 0.7)),
             "p_em": ("as configured", p_em),
             "T_em": ("as configured", T_em),

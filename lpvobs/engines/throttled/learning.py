@@ -66,15 +66,12 @@ def learn(engine: ThrottledEngine, logs: Sequence[Log], use: Sequence[Array] | N
     found, covariance = _solve(engine, rows, beliefs, level)
     ends = np.cumsum([guess.size for guess, _ in beliefs])
     *values, volumes = np.split(found, ends)
-    curves = zip(relation.PARTS, values, np.split(np.sqrt(np.diag(covariance)), ends), strict=False)
+    fitted = zip(relation.PARTS, values, np.split(np.sqrt(np.diag(covariance)), ends), strict=False)
+    curves = {part.name: part.curve(engine, *each) for part, *each in fitted}
     calm = CALM * max(float(np.quantile(log["W_maf"], 0.999)) for log in logs)
-    numbers = zip(NUMBERS.items(), (*volumes.tolist(), calm), strict=True)
-    return Knowledge(
-        {part.name: part.curve(engine, *each) for part, *each in curves},
-        {name: LearnedNumber(value, *said) for (name, said), value in numbers},
-        covariance,
-        names,
-    )
+    single = zip(NUMBERS.items(), (*volumes.tolist(), calm), strict=True)
+    numbers = {name: LearnedNumber(value, *said) for (name, said), value in single}
+    return Knowledge(curves, numbers, covariance, names)
 
 
 def _rows(engine: ThrottledEngine, log: Log, blocks: Blocks) -> list[Array]:
