@@ -42,6 +42,9 @@ SHAPE = (
     ),
 )  # fmt: skip
 """Corrections of the filling over speed and pressure: 3 % is what bench points left of models fitted to them."""
+OPENING = nodes("%", "EGR valve opening", 3, 10, 22, 45, 85)
+LOAD = nodes("mg/cycle", "injected fuel", 0, 15, 40)
+MAF_LAG = Component("W_maf_lag", "s", "lag of the mass air flow sensor", 0.02)
 CHARGE = Component(
     "eta_vol_charge", "1", "relative change of the volumetric efficiency per 100 K of T_im", 0.10, "eta_vol"
 )
@@ -211,11 +214,12 @@ def temperature_lag(s: Signals, tau: float) -> Signals:
     return s.corrected("T_im", s["T_im"] + tau * s.slow("T_im"))
 
 
-def on_the_intake(in_order: Mapping[str, float], unfilled: Callable[[AsFound, Signals], Array]) -> Mapping[str, Effect]:
-    """Return by name the effects on readings, intake and EGR; `unfilled` is what the balance of the filling leaves.
+LACKS = {"leak_intake": 0.0, "egr_leak": 0.0, "egr_area": 1.0, "eta_vol": 1.0}
+"""Sizes of what a model lacks of intake and EGR (leaks in m^2, factors), on an engine in order; an engine's own follow them."""
 
-    `in_order` are sizes of what the engine's model lacks, `leak_intake`, `egr_leak` [m^2], `egr_area` and `eta_vol` among them.
-    """
+
+def on_the_intake(unfilled: Callable[[AsFound, Signals], Array]) -> Mapping[str, Effect]:
+    """Return by name the effects on readings, intake and EGR; `unfilled` is what the balance of the filling leaves."""
 
     def bypass(s: Signals, area: float) -> Signals:
         """Return the flow before a hole that draws air in behind the filter."""
@@ -232,9 +236,9 @@ def on_the_intake(in_order: Mapping[str, float], unfilled: Callable[[AsFound, Si
         Effect("p_im.gain", "factor", "1", 1.0, 0.01, 0.7, 1.3, "p_im", gain("p_im"), BOOST),
         # where walls warm the charge, the filling follows T_im by 12 to 25 % less, and sizes came out 10 to 33 % too small
         Effect("T_im.lag", "tau", "s", 0.0, 3.0, -0.3, 20.0, "T_im", temperature_lag, EGR, unlearned=0.2),
-        Effect("leak.intake", "area", "m^2", 0.0, 5e-6, -2e-6, 2e-4, "intake", lacking(in_order, "leak_intake"), BOOST),
-        Effect("egr.leak", "area", "m^2", 0.0, 3e-6, -1e-6, 1e-4, "EGR", lacking(in_order, "egr_leak"), EGR, needs=("u_egr",)),
-        Effect("egr.area", "factor", "1", 1.0, 0.1, 0.2, 1.5, "EGR", lacking(in_order, "egr_area"), EGR, needs=("u_egr",)),
-        Effect("eta_vol.factor", "factor", "1", 1.0, 0.03, 0.6, 1.3, "cylinders", lacking(in_order, "eta_vol"), EGR),
+        Effect("leak.intake", "area", "m^2", 0.0, 5e-6, -2e-6, 2e-4, "intake", lacking(LACKS, "leak_intake"), BOOST),
+        Effect("egr.leak", "area", "m^2", 0.0, 3e-6, -1e-6, 1e-4, "EGR", lacking(LACKS, "egr_leak"), EGR, needs=("u_egr",)),
+        Effect("egr.area", "factor", "1", 1.0, 0.1, 0.2, 1.5, "EGR", lacking(LACKS, "egr_area"), EGR, needs=("u_egr",)),
+        Effect("eta_vol.factor", "factor", "1", 1.0, 0.03, 0.6, 1.3, "cylinders", lacking(LACKS, "eta_vol"), EGR),
     )  # fmt: skip
     return {**shared.on_the_reading(), **{effect.id: effect for effect in found}}

@@ -11,6 +11,7 @@ import numpy as np
 
 from lpvobs.compiled import njit
 from lpvobs.engines.components import intake
+from lpvobs.engines.components.intake import LOAD, OPENING
 from lpvobs.engines.curves import in_space, nodes, on_surface
 from lpvobs.engines.diesel import relations as relation
 from lpvobs.engines.diesel.constants import DieselConstants
@@ -23,9 +24,7 @@ VOLUMES = ("V_im",)  # constants that the balances owe what they store to
 
 TIP_SPEED = nodes("m/s", "tip speed of the compressor", 60, 140, 220, 300, 380, 460)
 HEAD = nodes("1", "head coefficient Psi_c", -0.4, 0.0, 0.4, 0.7, 0.9, 1.1, 1.25, 1.4)
-OPENING = nodes("%", "EGR valve opening", 3, 10, 22, 45, 85)
 RATIO = nodes("1", "p_im / p_em", 0.7, 0.82, 0.9, 0.96, 1.03)
-LOAD = nodes("mg/cycle", "injected fuel", 0, 15, 40)
 COMPONENTS = (
     Component(
         "compressor", "1", "added compressor flow, as a share of the flow without pressure rise", 0.04, "compressor",
@@ -41,7 +40,7 @@ COMPONENTS = (
     ),
     Component("T_em_lag", "s", "lag of the sensor of T_em", 1.0),
     Component("omega_t_lag", "s", "lag of the sensor of omega_t behind that of p_im", 0.01),
-    Component("W_maf_lag", "s", "lag of the mass air flow sensor", 0.02),
+    intake.MAF_LAG,
 )  # fmt: skip
 """Deviations of 3 and 4 % of filling and compressor, 30 % of the EGR: what bench points left of models fitted to them."""
 MEASURED_PARTS = (MeasuredPart("egr", "W_egr_reference", FILLING, {"u_egr": 0.0}, 0.02, 2e-5),)

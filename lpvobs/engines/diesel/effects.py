@@ -27,9 +27,7 @@ RESTRICTED = 0.5
 POWER = 1.0e5  # [J/kg] Turns a power into a flow, so that all balances are in kg/s
 
 
-LACKS = {
-    "leak_intake": 0.0, "egr_leak": 0.0, "egr_area": 1.0, "eta_vol": 1.0, "compressor": 1.0, "turbine": 1.0, "exhaust": 1.0,
-}  # fmt: skip
+LACKS = intake.LACKS | {"compressor": 1.0, "turbine": 1.0, "exhaust": 1.0}
 """Sizes of what the engine's model lacks (leaks in m^2, factors), on an engine in order."""
 OMEGA_T, T_EM, T_AMB, W_MAF = (CHANNELS.index(name) for name in ("omega_t", "T_em", "T_amb", "W_maf"))
 COMPRESSOR, CYLINDERS, EXHAUST_RETURN, T_EM_LAG, OMEGA_T_LAG, W_MAF_LAG = range(6)
@@ -200,7 +198,7 @@ def pulsating(s: Signals | Mapping[str, Array], x: float) -> Array:
     return np.asarray(1.0 + x * slow * np.maximum(s["u_delta"], 0.0) / PULSATION_FUEL)
 
 
-_SHARED = on_the_intake(LACKS, lambda found, s: imbalances(found, s)[1])
+_SHARED = on_the_intake(lambda found, s: imbalances(found, s)[1])
 CATALOGUE = (
     *(_SHARED[f"maf.{name}"] for name in ("delay", "lag", "offset", "gain", "drift", "temperature")),
     Effect("maf.backflow", "coefficient", "1", 0.0, 0.05, -0.5, 2.0, "sensor", reading(pulsating), STEADY, True),

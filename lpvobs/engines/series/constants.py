@@ -1,7 +1,6 @@
 """What is known of an engine that logs what series vehicles do; the attributes bear the names of the `[engine.*]` tables."""
 
 from dataclasses import dataclass, fields
-from functools import cache
 from typing import Annotated, Any
 
 from lpvobs.engines.components.intake import Cylinders, Egr, Filling
@@ -51,7 +50,6 @@ class SeriesConstants(flat_type(names_of(Gases, Cylinders, Filling, Egr, Exhaust
     """The same constants, flat, for the relations that engines share."""
 
 
-@cache
 def constants_of(engine: SeriesEngine) -> Any:
     """Return the engine's constants as one flat tuple of floats."""
     return flat(SeriesConstants, *(getattr(engine, item.name) for item in fields(engine) if item.name != "file"))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from lpvobs.engines.blocks import Blocks
 from lpvobs.engines.components import intake
-from lpvobs.engines.components.intake import AsFound, found_around, on_the_intake
+from lpvobs.engines.components.intake import LACKS, AsFound, found_around, on_the_intake
 from lpvobs.engines.effects import SENSOR, Signals
 from lpvobs.engines.healthy import HealthyErrors
 from lpvobs.engines.residual_model import ResidualModel, levels_of
@@ -19,8 +19,6 @@ from lpvobs.engines.unknowns import Unknowns, loop_unknowns, places_of
 from lpvobs.errors import DataError
 from lpvobs.records import Array
 
-LACKS = {"leak_intake": 0.0, "egr_leak": 0.0, "egr_area": 1.0, "eta_vol": 1.0}
-"""Sizes of what the engine's model lacks (leaks in m^2, factors), on an engine in order."""
 FILLINGS = slice(flows.FILLING, flows.MIXTURE)
 """Of the balances, those of the filling: at most one of them tells."""
 
@@ -82,7 +80,7 @@ def shown(found: AsFound, s: Signals, _: Blocks | None) -> NDArray[np.bool_]:
     return np.asarray(told[:, : told.shape[1] // 2] & told[:, told.shape[1] // 2 :])
 
 
-CATALOGUE = tuple(on_the_intake(LACKS, lambda found, s: imbalances(found, s)[FILLINGS].sum(axis=0)).values())
+CATALOGUE = tuple(on_the_intake(lambda found, s: imbalances(found, s)[FILLINGS].sum(axis=0)).values())
 """The effects in the order in which they are undone: the last one on the way into the log comes first."""
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lpvobs.engines.components import intake
+from lpvobs.engines.components.intake import LOAD, OPENING
 from lpvobs.engines.curves import in_space, nodes, on_surface
 from lpvobs.engines.unknowns import Component, Correction, MeasuredPart
 from lpvobs.records import Array
@@ -29,9 +30,7 @@ LIGHT, LEAN = 3.0, 8.0
 """[mg/cycle] of fuel under which its quantity, and lambda over which the probe, tell nothing: overrun, and the end of its range."""
 BELOW = 10.0
 """[mg/cycle] Under this the rate of the fuel is taken over this: noise is absolute."""
-OPENING = nodes("%", "EGR valve opening", 3, 10, 22, 45, 85)
 SPEED = nodes("rpm", "engine speed", 800, 1600, 2600)
-LOAD = nodes("mg/cycle", "injected fuel", 0, 15, 40)
 DRIVE_SPEED = nodes("rpm", "engine speed", 800, 1200, 1600, 2000, 2600, 3200)
 DRIVE_LOAD = nodes("mg/cycle", "injected fuel", 0, 7, 14, 22, 30, 42)
 COMPONENTS = (
@@ -47,7 +46,7 @@ COMPONENTS = (
     ),
     Component("egr_leak", "1", "leak area of the shut EGR valve, as a share of its largest area", 0.005),
     Component("lambda_lag", "s", "lag of the lambda probe", 0.5),
-    Component("W_maf_lag", "s", "lag of the mass air flow sensor", 0.02),
+    intake.MAF_LAG,
 )  # fmt: skip
 MEASURED_PARTS = (MeasuredPart("egr", "W_egr_reference", RECIRCULATED, {"u_egr": 0.0}, 0.02, 2e-5, FILLING),)
 """EGR flow from CO2 before and behind the engine: 2 % and 0.02 g/s."""
