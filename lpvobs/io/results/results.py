@@ -27,8 +27,7 @@ from lpvobs.observer.estimate import MapEstimate, NodeMap
 from lpvobs.records import Array, Item
 
 Record = TypeVar("Record")
-KIND = "result"
-REMEDY = "make a result with `lpvobs estimate`"
+KIND, REMEDY = surfaces.RESULT
 
 
 @dataclass(frozen=True)

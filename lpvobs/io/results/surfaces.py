@@ -18,6 +18,7 @@ from lpvobs.observer.estimate import NodeMap
 from lpvobs.records import Array, Item
 
 Axes = Mapping[str, Item]  # by name: first the fuel axis, then the speed axis
+RESULT = ("result", "make a result with `lpvobs estimate`")  # its kind, and what to do where a file is none
 
 
 def axes_of(file: h5py.File) -> Axes:
@@ -153,7 +154,7 @@ class Surface:
 
 def read_surface(path: Path, source: str = "") -> Surface:
     """Return `map` or `extrapolation` of a result, by default the latter if there; raises DataError where it is not."""
-    with reading(path, "result", "make a result with `lpvobs estimate`") as file:
+    with reading(path, *RESULT) as file:
         source = source or ("extrapolation" if "extrapolation" in file else "map")
         if source not in ("map", "extrapolation"):
             raise DataError(f"{path}: a result has no values named '{source}'; expected map or extrapolation")
@@ -168,7 +169,7 @@ def read_surface(path: Path, source: str = "") -> Surface:
 
 def read_readings(path: Path, surface: Surface) -> Surface:
     """Return the mean reading around each node of a result [kg/s], on the axes of a surface; nothing where nobody drove."""
-    with reading(path, "result", "make a result with `lpvobs estimate`") as file:
+    with reading(path, *RESULT) as file:
         if "readings" not in file:
             raise DataError(
                 f"{path}: has no /readings, so errors cannot be given as a share of the flow; run `lpvobs estimate` again"
@@ -181,7 +182,7 @@ def read_readings(path: Path, surface: Surface) -> Surface:
 
 def mean_flow(path: Path) -> float:
     """Return the mean reading of all logs behind a result [kg/s]; raises DataError if the file is no result."""
-    with reading(path, "result", "make a result with `lpvobs estimate`") as file:
+    with reading(path, *RESULT) as file:
         logs = [(int(log.attrs["samples"]), float(log["mean_flow"][()])) for log in file["logs"].values()]
     if not logs:
         raise DataError(f"{path}: the result names no log; make it again with `lpvobs estimate`")
