@@ -1,6 +1,7 @@
 """`track`: maps by vehicle and time, from sums that add up without the logs."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import accumulate, groupby
@@ -121,7 +122,11 @@ def track(
     refuse_copies(found)
     engine = engine or configuration.engine_file(as_path(config))
     told = as_paths(refined)
-    with writing(out, [config, *found, gain, engine, origins, table, *told]) as target:
+    read = [config, *found, gain, engine, origins, *told]
+    with (
+        writing(out, [*read, table]) as target,
+        nullcontext() if table is None else writing(table, read),
+    ):
         if not found and not target.is_file():
             raise UsageError(
                 f"{target}: this fleet file does not exist, and no logs are named to make it from; name logs, or correct --out"

@@ -277,3 +277,14 @@ def test_what_refine_found_has_its_place_in_time_and_stays(whole, track, lpvobs,
     done = lpvobs(*again, "--refined", strange)
     assert done.code == 3
     assert "maf.lag was found on logs that are not in the fleet" in done.err
+
+
+def test_the_table_does_not_overwrite_a_log(track, fleet, tmp_path):
+    log = tmp_path / "a" / "2025-01.parquet"
+    log.parent.mkdir()
+    log.write_bytes((fleet / "a" / "2025-01.parquet").read_bytes())
+    before = log.read_bytes()
+    done = track(tmp_path / "fleet.h5", [log], "--table", log)
+    assert done.code == 2
+    assert "is also an input" in done.err
+    assert log.read_bytes() == before
