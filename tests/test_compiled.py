@@ -1,9 +1,11 @@
 """The compiler and what else is heavy are loaded by whoever needs them, and compiled functions are what they would be with it."""
 
+import ast
 import subprocess
 import sys
 
 import pytest
+from repository import ROOT
 
 HEAVY = ("numba", "cvxpy", "matplotlib", "pandas", "pint", "scipy.stats", "scipy.signal", "scipy.interpolate")
 
@@ -17,6 +19,19 @@ def loaded_after(code):
 @pytest.mark.parametrize("verb", ["verify", "extrapolate", "export", "trace", "refine"])
 def test_a_verb_on_stored_results_starts_without_what_is_heavy(verb):
     assert loaded_after(f"import lpvobs; lpvobs.{verb}") & set(HEAVY) == set()
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "lpvobs" / "discovery").glob("*.py")), ids=lambda path: path.stem)
+def test_a_search_uses_nothing_of_scipy_that_takes_long_to_load(path):
+    parts = {
+        node.attr
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "scipy"
+    }
+    # a healthy drive is learned from once, by `estimate`, and a search needs no optimiser
+    assert parts <= {"linalg", "ndimage", "special", "sparse"} | (
+        {"optimize"} if path.stem == "healthy_learning" else set()
+    )
 
 
 def test_the_first_call_compiles_in_every_module_that_has_the_function():

@@ -301,7 +301,7 @@ def widened(within: Array, degrees: float, between: Array) -> Array:
     """
     total = within + between
     effective = total**2 / np.maximum(within**2 / degrees + between**2, np.finfo(float).tiny)
-    student, normal = scipy.stats.t.ppf(0.95, effective), scipy.stats.norm.ppf(0.95)
+    student, normal = scipy.special.stdtrit(effective, 0.95), scipy.special.ndtri(0.95)
     return np.asarray(total * (student / normal) ** 2)
 
 

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import scipy
 from msgspec import UNSET, UnsetType
 
 from lpvobs.discovery import thresholds
+from lpvobs.discovery.courses import state
 from lpvobs.discovery.places import averaged
 from lpvobs.discovery.residual import Problem, Term
 from lpvobs.engines.effects import SENSOR, Effect, Signals, gain, offset
@@ -58,8 +58,7 @@ class Factor:
         if self.of == "rate":
             x = np.gradient(x, time)
         elif self.of == "lag":
-            share = -np.expm1(-step / self.tau)
-            x, _ = scipy.signal.lfilter([share], [1.0, share - 1.0], x, zi=[(1.0 - share) * x[0]])
+            x = state(time, x, self.tau)
         return np.asarray(x - self.reference)
 
 

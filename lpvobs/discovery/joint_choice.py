@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy
 
 from lpvobs.discovery.course_choice import best_course, finer, fit_course, is_worth, sharpened, timed_again
 from lpvobs.discovery.courses import GRADED, FactorSurface, can_be_graded
@@ -227,6 +226,6 @@ def fits_as_well(best: Candidate, other: Candidate, problem: Problem) -> bool:
     if other.gain > best.gain - tie:
         return True
     difference = problem.by_coarse(other.loss - best.loss)
-    ranks = scipy.stats.rankdata(np.abs(difference)) * np.sign(difference)
+    ranks = (1 + np.argsort(np.argsort(np.abs(difference)))) * np.sign(difference)
     statistics = (float(x.sum() / max(np.sqrt(x @ x), 1e-300)) for x in (difference, ranks))
     return max(statistics) <= NINETY and other.gain > 0.5 * best.gain

@@ -89,7 +89,7 @@ def chance(candidate: Candidate, problem: Problem, wider: float = 1.0) -> float:
     ends = max(candidate.loss.size / thresholds.LEAST_LENGTH, 1.0)
     hypotheses = len(problem.catalogue) * ends**candidate.changes
     effective = min(problem.seeming.degrees / max(1.0 - candidate.told, 1e-6) ** 2, 1e6)
-    return float(min(1.0, hypotheses * scipy.stats.f.sf(statistic, 1, effective)))
+    return float(min(1.0, hypotheses * scipy.special.fdtrc(1, effective, statistic)))
 
 
 def structure(linear: Linear) -> float:
@@ -108,7 +108,7 @@ def chance_of_nothing(first: Linear, ranking: Sequence[Candidate]) -> float:
     wider = 1.0 if problem.seeming.drives > 1 else 1.0 + thresholds.MODEL_ERROR * problem.data
     single = min(chance(c, problem, wider) for c in ranking)
     elsewhere = elsewhere_of(first) / problem.seeming.uneven
-    uneven = float(scipy.stats.chi2.sf(elsewhere * blocks / wider, blocks)) * len(problem.carriers)
+    uneven = float(scipy.special.chdtrc(blocks, elsewhere * blocks / wider)) * len(problem.carriers)
     return min(1.0, 2.0 * min(single, uneven))
 
 

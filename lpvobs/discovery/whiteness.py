@@ -129,7 +129,7 @@ def portmanteau(x: Array) -> tuple[Array, Array, float]:
     products = np.array([x[lag:] @ x[:-lag] for lag in lags])
     variance = np.array([(x[lag:] ** 2) @ (x[:-lag] ** 2) for lag in lags])
     statistic = float(np.sum(products**2 / np.maximum(variance, 1e-300)))
-    return products / power, 1.96 * np.sqrt(variance) / power, float(scipy.stats.chi2.sf(statistic, LAGS))
+    return products / power, 1.96 * np.sqrt(variance) / power, float(scipy.special.chdtrc(LAGS, statistic))
 
 
 def periodogram_distance(x: Array) -> float:
@@ -172,7 +172,7 @@ def correlation(x: Array, y: Array, lag: int) -> tuple[float, float]:
 
 def times_noise(tests: int) -> float:
     """Return how many standard deviations a correlation must have to count, where so many are looked at."""
-    return float(scipy.stats.norm.isf(0.5 * COLOURED / max(1, tests)))
+    return float(-scipy.special.ndtri(0.5 * COLOURED / max(1, tests)))
 
 
 def structure(linear: Linear, on: NDArray[np.bool_] | slice = slice(None)) -> Whiteness:

@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy
 
-from lpvobs.discovery.portrait import MOST_COLUMNS, MOST_POINTS, cross_correlations, portrait
+from lpvobs.discovery.portrait import MOST_COLUMNS, MOST_POINTS, _spectrum, cross_correlations, portrait
 from lpvobs.discovery.refine import refine
 from lpvobs.discovery.residual import free_map
 from lpvobs.discovery.thresholds import LAGS
@@ -89,3 +90,12 @@ def test_a_stretch_with_much_power_is_named(stepped):
     assert part.begin == pytest.approx(100.0, abs=12.0)  # a stretch is about 10 s
     assert part.end == pytest.approx(140.0, abs=12.0)
     assert part.share > 0.9
+
+
+@pytest.mark.parametrize("K", [1000, 255])
+def test_a_spectrum_is_that_of_scipy(K):
+    residual = np.random.default_rng(4).standard_normal((2, K)).cumsum(1)
+    frequency, power = scipy.signal.welch(residual, fs=20.0, nperseg=min(256, K), detrend="constant")
+    found = _spectrum(residual, 0.05)
+    np.testing.assert_allclose(found[0], frequency[1:], rtol=1e-12)
+    np.testing.assert_allclose(found[1], power[:, 1:], rtol=1e-9)  # the largest is 1e5 times the smallest
