@@ -58,25 +58,26 @@ def exhaust(c: Any, x: Mapping[str, Array], W_ei: Array) -> tuple[Array, Array]:
     T_em = x["T_im"] + c.T_rise * burnt / np.maximum(W_ei, 1e-4)
     p_em = x["p_im"] + c.dp_0 + c.dp_n * x["n_e"]
     # A search that undoes the lag of a sensor may try temperatures below zero.
-    return _or_model(x, "p_em", p_em), np.maximum(_or_model(x, "T_em", T_em), 1.0)
+    return _read(x, "p_em", p_em), np.maximum(_read(x, "T_em", T_em), 1.0)
 
 
-def _or_model(x: Mapping[str, Array], name: str, model: Array) -> Array:
-    measured = x.get(name, np.full(model.size, np.nan))
-    return np.where(np.isfinite(measured), measured, model)
+def _read(x: Mapping[str, Array], name: str, otherwise: Array | float = np.nan) -> Array:
+    """Return a channel, or what stands for it where nothing was read, shape (n,)."""
+    reading = np.broadcast_to(x.get(name, np.nan), x["n_e"].shape)
+    return np.where(np.isfinite(reading), reading, otherwise)
 
 
 def egr(c: Any, x: Mapping[str, Array], W_ei: Array) -> tuple[Array, Array]:
     """Return W_egr, NaN without the valve's position, and the flow of its nozzle per area [kg/(s m^2)], each of shape (n,)."""
     p_em, T_em = exhaust(c, x, W_ei)
-    u_egr = np.asarray(x.get("u_egr", np.full(W_ei.size, np.nan)), dtype=float)
+    u_egr = _read(x, "u_egr")
     W_egr = intake.egr_flow(c, x["p_im"], p_em, np.nan_to_num(u_egr), x["T_im"], T_em)
     return np.where(np.isfinite(u_egr), W_egr, np.nan), p_em / np.sqrt(T_em * c.R_e)
 
 
 def filling(c: Any, x: Mapping[str, Array], rates: Mapping[str, Array], W_ei: Array) -> Array:
     """Return W_ei - W_egr + V_im / (R_a T_im) (dp_im/dt - p_im / T_im dT_im/dt), valve shut and open, shape (2, n) [kg/s]."""
-    shut = x["u_egr"] < SHUT if "u_egr" in x else np.zeros(W_ei.size, dtype=bool)
+    shut = _read(x, "u_egr") < SHUT
     flow = W_ei - egr(c, x, W_ei)[0] + intake.stored(c, x, rates)  # Eq. (1)
     return np.where([shut, ~shut & steady(x, rates)], flow, np.nan)
 
@@ -106,9 +107,9 @@ def flows(c: Any, x: Mapping[str, Array], rates: Mapping[str, Array]) -> Array:
 def corrections(c: Any, x: Mapping[str, Array], rates: Mapping[str, Array]) -> tuple[Correction, ...]:
     """Return how each of `COMPONENTS` moves the balances at n places, given channels and their rates there."""
     W_ei = intake.cylinder_flow(c, x["p_im"], x["n_e"], x["T_im"])
-    u_egr = np.nan_to_num(x.get("u_egr", np.full(W_ei.size, np.nan)))
+    u_egr = np.nan_to_num(_read(x, "u_egr"))
     W_egr, per_area = egr(c, x, W_ei)
-    driven = np.where(np.isfinite(x.get("p_em", np.full(W_ei.size, np.nan))), 0.0, np.nan_to_num(W_egr))
+    driven = np.where(np.isfinite(_read(x, "p_em")), 0.0, np.nan_to_num(W_egr))
     nozzle = in_space(OPENING.values, SPEED.values, LOAD.values, u_egr, x["n_e"], x["u_delta"])
     burnt = mixture(c, x, rates)
     late = rates.get("lambda_e", 0.0) / x.get("lambda_e", np.nan)

@@ -44,14 +44,14 @@ FIRST_ERROR = 0.05  # relative error of a balance that the first fit assumes
 SHARED = 3.0  # neighbouring blocks that share an error and are not independent
 
 
-def learn(engine: ThrottledEngine, logs: Sequence[Log], use: Sequence[Array] | None = None) -> Knowledge:
+def learn(engine: ThrottledEngine, logs: Sequence[Log], use: Sequence[NDArray[np.bool_]] | None = None) -> Knowledge:
     """Return what blocks of healthy logs tell, all or those to `use` (flags per log); raises DataError for too few."""
     parts, transience = [], []
     for i, log in enumerate(logs):
         blocks = blocks_of(log)
         good = blocks.mean(log["W_maf"]) > LEAST_FLOW
         if use is not None:
-            good &= use[i].astype(bool)
+            good &= use[i]
         parts.append([rows[good] for rows in _rows(engine, log, blocks)])
         transience.append(transience_of(blocks, log.channels, MOVING)[good])
     fast, names = np.concatenate(transience), tuple(log.name for log in logs)
@@ -161,7 +161,7 @@ def without_each_part(engine: ThrottledEngine, logs: Sequence[Log], i: int) -> I
     """Yield, for each part of log i in turn, the engine learned from everything else, and the number of the part."""
     parts = [parts_of(blocks_of(log).time) for log in logs]
     for part in range(FOLDS):
-        use = [np.asarray(own != part if k == i else np.ones(own.size, dtype=bool)) for k, own in enumerate(parts)]
+        use = [(own != part) | (k != i) for k, own in enumerate(parts)]
         yield learn(engine, logs, use), part
 
 
