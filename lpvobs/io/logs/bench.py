@@ -73,7 +73,7 @@ def _read(path: Path, air_path: base.AirPath) -> dict[str, Array]:
     optional = {DEVIATION: "kg/s", FUEL: "kg/s", LAMBDA: "1"}
     optional |= {part.column: "kg/s" for part in air_path.measured_parts}
     optional |= {name: item.unit for name, item in every.items() if item.one_of is not None}
-    found = from_csv(path) if path.suffix.lower() == ".csv" else from_parquet(path, [*needed, *optional])
+    found = columns_in(path, [*needed, *optional])
     for name, unit in needed.items():
         expect(path, found.schema, name, unit)
     wanted = {name: unit for name, unit in {**needed, **optional}.items() if name in found.column_names}
@@ -89,8 +89,10 @@ def _read(path: Path, air_path: base.AirPath) -> dict[str, Array]:
     return table
 
 
-def from_parquet(path: Path, names: Sequence[str]) -> "pa.Table":
-    """Return those of the named columns that are there, units in the metadata."""
+def columns_in(path: Path, names: Sequence[str]) -> "pa.Table":
+    """Return those of the named columns that a Parquet file has, or all of any other file, which is a CSV table."""
+    if path.suffix.lower() != ".parquet":
+        return from_csv(path)
     there, rows = schema_of(path).names, metadata_of(path).num_rows
     refuse_huge(path, rows, len(names))
     (table,) = tables_of(path, [name for name in names if name in there], max(rows, 1))
@@ -206,7 +208,7 @@ def read_component_map(kind: str, path: Path, label: str, air_path: base.AirPath
 def _from_table(path: Path, known: ComponentMap) -> tuple[dict[str, Array], float]:
     """Return the columns of the first form of which the file has the first one, and what it says of its tolerance."""
     names = dict.fromkeys([name for form in known.forms for name in form] + [TOLERANCE])
-    found = from_parquet(path, list(names)) if path.suffix.lower() == ".parquet" else from_csv(path)
+    found = columns_in(path, list(names))
     forms = [form for form in known.forms if next(iter(form)) in found.column_names]
     forms.sort(key=lambda form: not set(form) <= set(found.column_names))
     if not forms:

@@ -69,11 +69,15 @@ def convert(values: Array, unit: str, wanted: str) -> Array:
     try:
         source, target = unit_of(unit), unit_of(wanted)
         turns, wanted_turns = ("radian" in str((1 * each).to_root_units().units) for each in (source, target))
-        if turns != wanted_turns:
-            raise ValueError("1/s or Hz may count cycles, strokes or turns")
-        return np.asarray(_registry().Quantity(values, source).to(target).magnitude, dtype=float)
+        converted = np.asarray(_registry().Quantity(values, source).to(target).magnitude, dtype=float)
     except Exception:
         raise ValueError(f"unit '{unit}' cannot be converted to '{wanted}'") from None
+    if turns != wanted_turns:
+        raise ValueError(
+            f"unit '{unit}' cannot be converted to '{wanted}': only one of them counts turns, and 1/s or Hz may count cycles or "
+            "strokes"
+        )
+    return converted
 
 
 def unit_of(unit: str) -> "Unit":

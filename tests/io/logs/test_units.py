@@ -64,6 +64,12 @@ def test_what_cannot_be_converted_says_both_units(unit, wanted):
     assert f"'{wanted}'" in str(failure.value)
 
 
+@pytest.mark.parametrize("unit", ["Hz", "1/s"])
+def test_what_may_count_anything_says_so(unit):
+    with pytest.raises(ValueError, match=f"'{unit}' cannot be converted to 'rpm': .* may count cycles or strokes"):
+        convert(ONE, unit, "rpm")
+
+
 def test_not_a_number_stays_so():
     np.testing.assert_array_equal(np.isnan(convert(np.array([np.nan, 1.0]), "kPa", "Pa")), [True, False])
 
