@@ -70,10 +70,6 @@ class Equations:
         """The mean reading of the sensor [kg/s]."""
         return _mean(self.layout, self.moments, (self.layout.terms.stop, self.layout.z))
 
-    def root(self, scales: Scales) -> Array:
-        """Return a square root of the covariance of all but the map, lower triangular."""
-        return self.prior.root(self.layout, scales, self.flow)[self.layout.nodes :, self.layout.nodes :]
-
     def normal(self, errors: Errors) -> Array:
         """Return the weighted products of all columns, shape (C, C), with the errors that repeat eliminated."""
         weights, products = np.linalg.inv(errors.S), self.moments.products
@@ -101,7 +97,7 @@ class Equations:
     def solved(self, errors: Errors, scales: Scales) -> tuple[Free, Array, float]:
         """Return the equations, the covariance of the other unknowns, and how many unknowns the data determine."""
         p, free = self.layout.nodes, self.without_map(errors)
-        root = self.root(scales)
+        root = self.prior.root(scales, self.flow)
         told, axes = np.linalg.eigh(root.T @ free.told @ root)
         told = np.maximum(told, 0.0)  # rounding
         half = root @ axes / np.sqrt(1.0 + told)
@@ -184,7 +180,7 @@ class Equations:
         free = self.without_map(errors)
 
         def cost(amplitudes: tuple[float, ...]) -> float:
-            root = self.root(Scales(amplitudes))
+            root = self.prior.root(Scales(amplitudes), self.flow)
             try:
                 factor = np.linalg.cholesky(np.eye(free.right.size) + root.T @ free.told @ root)
             except np.linalg.LinAlgError:  # a log of a few samples leaves nothing but rounding
@@ -203,7 +199,8 @@ class Equations:
         """
         free, engine, _ = self.solved(errors, scales)
         right = free.right if by is None else free.told[:, by]
-        moved = scipy.linalg.solve_triangular(self.root(scales), engine @ right, lower=True, check_finite=False)
+        root = self.prior.root(scales, self.flow)
+        moved = scipy.linalg.solve_triangular(root, engine @ right, lower=True, check_finite=False)
         return float(moved @ moved)
 
 

@@ -5,10 +5,11 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+import scipy
 
 from lpvobs.engines.unknowns import Unknowns, matern
 from lpvobs.maps.grid import Grid
-from lpvobs.observer.windows import Columns
+from lpvobs.observer.windows import SENSOR, Columns
 from lpvobs.records import Array
 
 AMPLITUDES = (0.03, 0.06, 0.12, 0.3, 0.7, 1.5, 3.0)
@@ -48,16 +49,15 @@ class Prior:
         found[layout.engine] = self.unknowns.mean
         return found
 
-    def root(self, layout: Columns, scales: Scales, flow: float) -> Array:
-        """Return a square root of their covariance, lower triangular; the mean flow [kg/s] is the unit of powers of the reading."""
-        found = np.zeros((layout.solved, layout.solved))
-        np.fill_diagonal(found, self.node)
-        own, covariance = layout.engine, self.unknowns.scaled(scales.amplitudes)
+    def root(self, scales: Scales, flow: float) -> Array:
+        """Return a square root of the covariance of all but the map, lower triangular.
+
+        The mean flow [kg/s] is the unit of powers of the reading.
+        """
+        covariance = self.unknowns.scaled(scales.amplitudes)
         ridge = 1e-9 * np.diag(covariance) + 1e-18
-        found[own, own] = np.linalg.cholesky(covariance + np.diag(ridge)) if self.unknowns.size else covariance
-        sensor = np.arange(own.stop, layout.solved)
-        found[sensor, sensor] = (FOLLOWS if scales.follows else STAYS) * flow ** -np.arange(sensor.size)
-        return found
+        sensor = (FOLLOWS if scales.follows else STAYS) * flow ** -np.arange(SENSOR)
+        return np.asarray(scipy.linalg.block_diag(np.linalg.cholesky(covariance + np.diag(ridge)), np.diag(sensor)))
 
 
 def prior_of(grid: Grid, node: float, unknowns: Unknowns) -> Prior:
