@@ -114,9 +114,13 @@ def cylinder_fuel_flow(c, n_e, u_delta):  # type: ignore[no-untyped-def]
     return 1e-6 / 120.0 * c.n_cyl * n_e * u_delta  # Eq. (2)
 
 
-@njit(cache=True)
-def cylinder_flow(c, p_im, n_e, T_im):  # type: ignore[no-untyped-def]
+def cylinder_flow(c: Constants, x: Mapping[str, Array]) -> Array:
     """Return W_ei of Eq. (2) [kg/s], shape (n,)."""
+    return _cylinder_flow(c, x["p_im"], x["n_e"], x["T_im"])
+
+
+@njit(cache=True)
+def _cylinder_flow(c, p_im, n_e, T_im):  # type: ignore[no-untyped-def]
     flow = np.empty(p_im.size)
     for k in range(p_im.size):
         flow[k] = rho_3(c, p_im[k], n_e[k], T_im[k]) * p_im[k]  # Eq. (2)

@@ -58,7 +58,7 @@ def corrections(c: DieselConstants, x: Mapping[str, Array], rates: Mapping[str, 
     """Return how each of `COMPONENTS` moves the balances at n places, given channels and their rates there."""
     p_im, p_em, T_em = x["p_im"], x["p_em"], x["T_em"]
     T_ports = x.get("T_ports", T_em)  # the same at rest: a bench has no history
-    W_ei = intake.cylinder_flow(c, p_im, x["n_e"], x["T_im"])
+    W_ei = intake.cylinder_flow(c, x)
     nozzle = intake.egr_area(c, x["u_egr"]) * p_em / np.sqrt(T_em * c.R_e)
     W_egr = intake.egr_flow(c, p_im, p_em, x["u_egr"], x["T_im"], T_em)
     U_c, rise = c.R_c * x["omega_t"], (p_im / x["p_amb"]) ** (1.0 - 1.0 / c.gamma_a) - 1.0

@@ -187,6 +187,5 @@ def along(c: DieselConstants, columns: tuple[Array, ...]) -> tuple[Array, Array]
 
 def filling_flow(c: DieselConstants, x: Columns, rates: Columns) -> Array:
     """Return W_c = W_ei - W_egr + what fills the intake manifold, shape (N,) [kg/s]."""
-    W_ei = intake.cylinder_flow(c, x["p_im"], x["n_e"], x["T_im"])
     W_egr = intake.egr_flow(c, x["p_im"], x["p_em"], x["u_egr"], x["T_im"], x["T_em"])
-    return W_ei - W_egr + intake.stored(c, x, rates)  # Eq. (1)
+    return intake.cylinder_flow(c, x) - W_egr + intake.stored(c, x, rates)  # Eq. (1)

@@ -34,7 +34,7 @@ def _left(found: AsFound, s: Signals) -> Array:
     if found.values.size:
         left -= _columns(found, s) @ found.values
     leak, egr_leak, egr_area, eta_vol = s.lacks
-    W_ei = intake.cylinder_flow(c, x["p_im"], x["n_e"], x["T_im"])
+    W_ei = intake.cylinder_flow(c, x)
     if np.any(eta_vol != 1.0):
         left[FILLINGS] -= (eta_vol - 1.0) * W_ei
     if leak.any():

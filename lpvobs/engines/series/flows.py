@@ -100,13 +100,13 @@ def mixture(c: Any, x: Mapping[str, Array], rates: Mapping[str, Array]) -> Array
 
 def flows(c: Any, x: Mapping[str, Array], rates: Mapping[str, Array]) -> Array:
     """Return the flow past the sensor by all balances, shape (3, n) [kg/s]."""
-    W_ei = intake.cylinder_flow(c, x["p_im"], x["n_e"], x["T_im"])
+    W_ei = intake.cylinder_flow(c, x)
     return np.stack([*filling(c, x, rates, W_ei), mixture(c, x, rates)])
 
 
 def corrections(c: Any, x: Mapping[str, Array], rates: Mapping[str, Array]) -> tuple[Correction, ...]:
     """Return how each of `COMPONENTS` moves the balances at n places, given channels and their rates there."""
-    W_ei = intake.cylinder_flow(c, x["p_im"], x["n_e"], x["T_im"])
+    W_ei = intake.cylinder_flow(c, x)
     u_egr = np.nan_to_num(_read(x, "u_egr"))
     W_egr, per_area = egr(c, x, W_ei)
     driven = np.where(np.isfinite(_read(x, "p_em")), 0.0, np.nan_to_num(W_egr))

@@ -66,7 +66,7 @@ class SeriesPath(AirPath):
         """Return the LPV system along a log of N samples; `constant` holds a T_im [K] for a_im."""
         c, x = self.constants, log.channels
         T = x["T_im"] if constant is None else np.full(len(log), constant["T_im"])
-        W_ei = intake.cylinder_flow(c, x["p_im"], x["n_e"], x["T_im"])
+        W_ei = intake.cylinder_flow(c, x)
         rho_cyl, a_im = W_ei / x["p_im"], c.R_a * T / c.V_im
         E = np.stack([a_im * self.returned(x, W_ei), np.zeros(len(log))], axis=1)
         return trajectory_of(self, [rho_cyl, a_im], E, log, outputs)
@@ -82,7 +82,7 @@ class SeriesPath(AirPath):
     def states(self, log: Log) -> Array:
         """Return p_im as measured and W_c as the filling shows it, shape (N, 2)."""
         x = log.channels
-        W_ei = intake.cylinder_flow(self.constants, x["p_im"], x["n_e"], x["T_im"])
+        W_ei = intake.cylinder_flow(self.constants, x)
         return np.stack([x["p_im"], W_ei - self.returned(x, W_ei)], axis=1)
 
     def balances(self, log: Log, rates: Columns, uncertain: Sequence[str], calm: Columns | None = None) -> Balances:
@@ -132,7 +132,7 @@ class Series(SeriesPath):
     def stand_ins(self, log: Log) -> Mapping[str, tuple[str, Array]]:
         """Return what the valve, the probe and the sensors of the exhaust would read, by the engine as configured."""
         c, x = self.constants, log.channels
-        W_ei = intake.cylinder_flow(c, x["p_im"], x["n_e"], x["T_im"])
+        W_ei = intake.cylinder_flow(c, x)
         unlogged = {name: values for name, values in x.items() if name not in ("p_em", "T_em")}
         burnt = c.air_fuel * c.k_fuel * intake.cylinder_fuel_flow(c, x["n_e"], np.maximum(x["u_delta"], 0.1))
         p_em, T_em = flows.exhaust(c, unlogged, W_ei)
@@ -180,11 +180,10 @@ class SpeedDensity(SeriesPath):
     def corrections(self, log: Log, rates: Columns) -> tuple[Correction, ...]:
         """Return how the shape of the filling moves it."""
         x = log.channels
-        W_ei = intake.cylinder_flow(self.constants, x["p_im"], x["n_e"], x["T_im"])
+        W_ei = intake.cylinder_flow(self.constants, x)
         shape = (Correction(0, W_ei, weights) for weights in intake.shape_weights(x))
         return (*shape, Correction(0, intake.per_charge(W_ei, x)))
 
     def flows(self, c: Any, x: Columns, rates: Columns) -> Array:
         """Return the flow into the cylinders and the manifold, shape (1, n) [kg/s]."""
-        W_ei = intake.cylinder_flow(c, x["p_im"], x["n_e"], x["T_im"])
-        return np.stack([W_ei + intake.stored(c, x, rates)])  # Eq. (1)
+        return np.stack([intake.cylinder_flow(c, x) + intake.stored(c, x, rates)])  # Eq. (1)
