@@ -7,10 +7,12 @@ import json
 import sys
 import time
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
 
+import msgspec
 from table import read_table
 from watch import RECORDER, watched
 
@@ -27,6 +29,7 @@ def main(results: Path, out: Path, name: str, factor: float, numbers: list[str])
         if not isinstance(value, tuple):
             setattr(thresholds, each, watched(each, value) if name == "-" else value)
     json.JSONEncoder.default = lambda _, number: float(number)  # a watched one in a result
+    msgspec.json.encode = partial(msgspec.json.encode, enc_hook=float)  # the same in its file
     out.mkdir(parents=True, exist_ok=True)
     for number in numbers:
         target = out / f"{number}.json"
