@@ -82,6 +82,7 @@ def test_a_plan_names_points_that_help(lpvobs, other_engine, folder):
     assert nothing.json["inputs"] == []
 
 
+@pytest.mark.slow
 def test_tables_of_components_are_taken(lpvobs, folder):
     table = folder / "compressor.csv"
     lines = ["corrected_speed,corrected_flow,pressure_ratio", "rpm,kg/s,1"]

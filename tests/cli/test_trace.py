@@ -64,6 +64,7 @@ def test_the_map_of_its_own_log_is_estimated_anew_by_the_observer(lpvobs, config
         assert "observer" not in file["refinement"]  # a leak is a known input, gain and proof stay
 
 
+@pytest.mark.slow
 def test_a_refined_model_is_complete(lpvobs, refined, slow, tmp_path):
     """And says so in text that fits a terminal."""
     out, said = refined
@@ -90,6 +91,7 @@ def test_xarray_opens_the_refined_model(refined, engine):
             data.load()
 
 
+@pytest.mark.slow
 def test_the_page_shows_the_residual_without_the_logs(lpvobs, refined, tmp_path):
     page = tmp_path / "page.html"
     done = lpvobs("report", refined[0], "--html", page)

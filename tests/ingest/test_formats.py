@@ -125,7 +125,14 @@ def mdf(path, groups, version="4.10"):
 MDF_PROFILE = PROFILE.replace('source = "t"\nunit = "s"\n', "")
 
 
-@pytest.mark.parametrize(("version", "name"), [("3.30", "drive.mdf"), ("4.10", "drive.mf4"), ("4.20", "drive.mf4")])
+@pytest.mark.parametrize(
+    ("version", "name"),
+    [
+        ("4.10", "drive.mf4"),
+        pytest.param("3.30", "drive.mdf", marks=pytest.mark.slow),
+        pytest.param("4.20", "drive.mf4", marks=pytest.mark.slow),
+    ],
+)
 def test_mdf_with_a_time_base_per_group(tmp_path, version, name):
     path = mdf(tmp_path / name, [(FAST, [("n", SPEED, "rad/s")]), (SLOW, [("T", CELSIUS, "Â°C")])], version)
     assert sniff(path) == "mdf"

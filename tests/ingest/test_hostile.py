@@ -272,6 +272,7 @@ def mdf(tmp_path):
     return write
 
 
+@pytest.mark.slow
 def test_a_formula_in_a_file_is_arithmetic_or_refused(tmp_path, mdf):
     """The library gives formulas to Python's own eval where SymPy is installed, and takes one that fails for no conversion."""
     assert made(mdf("2*X1 + sin(0*X1)"), time="").channels["p_im"].tolist() == (2000 * T).tolist()

@@ -2,11 +2,13 @@
 
 import re
 
+import pytest
 from repository import DIESEL
 
 from lpvobs.engines.diesel.corrections import COMPONENTS
 
 
+@pytest.mark.slow
 def test_a_page_shows_every_component_and_who_knows_the_constants(lpvobs, other_engine, tmp_path):
     page = tmp_path / "engine.html"
     done = lpvobs("report", other_engine.known, "--html", page)

@@ -50,7 +50,7 @@ def test_the_good_files_of_the_corpus_are_good(samples, tmp_path):
     "make",
     [
         foreign.csv_seeds,
-        foreign.hdf_seeds,
+        pytest.param(foreign.hdf_seeds, marks=pytest.mark.slow),
         *(pytest.param(make, marks=pytest.mark.proof) for make in (foreign.mat_seeds, foreign.mdf_seeds)),
     ],
 )
