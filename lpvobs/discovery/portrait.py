@@ -176,7 +176,7 @@ def _edges(size: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 def _spectrum(residual: Array, spacing: float) -> tuple[Array, Array]:
     """Return frequencies [Hz], shape (f,), and the power at them [1/Hz], shape (B, f): Welch's mean over overlapping segments.
 
-    It is what `scipy.signal.welch` returns, which takes a second of CPU time to load.
+    It is what `scipy.signal.welch` returns, which takes half a second of CPU time to load.
     """
     length = min(SEGMENT, residual.shape[1])
     segments = sliding_window_view(residual, length, axis=1)[:, :: length - length // 2]
