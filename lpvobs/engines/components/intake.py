@@ -8,7 +8,7 @@ mg/cycle.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import sqrt
-from typing import Annotated, Any
+from typing import Annotated, Any, Protocol
 
 import numpy as np
 
@@ -79,8 +79,23 @@ class Egr:
     k_reverse: Annotated[float, Within(0, 1.5, "1", "share of the area for reverse flow")]
 
 
-Constants = Any
-"""A flat tuple of an engine's constants, those of the relation among them."""
+class Constants(Protocol):
+    """A flat tuple of an engine's constants, these among them."""
+
+    R_a: float
+    R_e: float
+    gamma_a: float
+    V_d: float
+    V_im: float
+    n_cyl: float
+    c_vol1: float
+    c_vol2: float
+    c_vol3: float
+    A_egr_max: float
+    c_egr1: float
+    c_egr2: float
+    pi_egr_opt: float
+    k_reverse: float
 
 
 @njit(cache=True)
@@ -116,7 +131,7 @@ def cylinder_fuel_flow(c, n_e, u_delta):  # type: ignore[no-untyped-def]
 
 def cylinder_flow(c: Constants, x: Mapping[str, Array]) -> Array:
     """Return W_ei of Eq. (2) [kg/s], shape (n,)."""
-    return _cylinder_flow(c, x["p_im"], x["n_e"], x["T_im"])
+    return np.asarray(_cylinder_flow(c, x["p_im"], x["n_e"], x["T_im"]))
 
 
 @njit(cache=True)
