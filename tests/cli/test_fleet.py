@@ -207,3 +207,12 @@ def test_usage_of_jobs(estimate, chain, fleet, tmp_path):
         assert word in done.err
     assert list(tmp_path.iterdir()) == []
     assert estimate(tmp_path / "*.parquet", "--out", out).code == 2
+
+
+def test_a_log_that_informs_no_node_makes_no_map(estimate, table, tmp_path):
+    log, out = tmp_path / "moment.parquet", tmp_path / "r.h5"
+    pq.write_table(table.slice(0, 40), log)
+    done = estimate(log, "--out", out)
+    assert done.code == 3
+    assert "moment: no node of the map was driven for long enough" in done.err
+    assert not out.exists()
