@@ -73,12 +73,18 @@ def least_gain(problem: Problem) -> float:
 
 def is_proven(candidate: Candidate, linear: Linear) -> bool:
     """Return whether a candidate is both relevant and significant, the errors of a learned function counted."""
-    return is_relevant(candidate, linear) and chance(candidate, linear.problem) < thresholds.SIGNIFICANT
+    return is_relevant(candidate, linear) and is_significant(candidate, linear.problem)
+
+
+def is_significant(candidate: Candidate, problem: Problem) -> bool:
+    """Return whether chance alone hardly explains a candidate, the errors of a healthy engine counted where drives show them."""
+    return chance(candidate, problem) < thresholds.SIGNIFICANT
 
 
 def chance(candidate: Candidate, problem: Problem, wider: float = 1.0) -> float:
     """Return the probability of such a gain by chance, after all effects and intervals that were tried (Bonferroni).
 
+    They count twice: structure in time may name something, too.
     A curve's coefficients and a formula's search have paid a price, and do not compete; an unusual constant inside pays it here.
     Ends of an interval nearer than `LEAST_LENGTH` have the same data, and count as one. `wider` is the variance of a gain, in that
     of noise. Healthy drives tell how far sizes vary beyond noise: the smaller the part of noise, the nearer is the distribution to
@@ -87,7 +93,7 @@ def chance(candidate: Candidate, problem: Problem, wider: float = 1.0) -> float:
     gain = max(candidate.gain - candidate.price, 0.0)
     statistic = 2.0 * candidate.told * (gain / wider) / max(candidate.unevenness, 1.0)
     ends = max(candidate.loss.size / thresholds.LEAST_LENGTH, 1.0)
-    hypotheses = len(problem.catalogue) * ends**candidate.changes
+    hypotheses = 2.0 * len(problem.catalogue) * ends**candidate.changes
     effective = min(problem.seeming.degrees / max(1.0 - candidate.told, 1e-6) ** 2, 1e6)
     return float(min(1.0, hypotheses * scipy.special.fdtrc(1, effective, statistic)))
 
@@ -108,8 +114,8 @@ def chance_of_nothing(first: Linear, ranking: Sequence[Candidate]) -> float:
     wider = 1.0 if problem.seeming.drives > 1 else 1.0 + thresholds.MODEL_ERROR * problem.data
     single = min(chance(c, problem, wider) for c in ranking)
     elsewhere = elsewhere_of(first) / problem.seeming.uneven
-    uneven = float(scipy.special.chdtrc(blocks, elsewhere * blocks / wider)) * len(problem.carriers)
-    return min(1.0, 2.0 * min(single, uneven))
+    uneven = 2.0 * float(scipy.special.chdtrc(blocks, elsewhere * blocks / wider)) * len(problem.carriers)
+    return min(single, uneven)
 
 
 def best_of(linear: Linear) -> tuple[Candidate, ...]:

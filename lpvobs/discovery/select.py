@@ -18,7 +18,15 @@ from lpvobs.discovery.held_out import Losses, compare, cross_validated, noise_po
 from lpvobs.discovery.inside import settled
 from lpvobs.discovery.joint_choice import Accepted, at_its_end, choose_again, choose_all_again, finished
 from lpvobs.discovery.linear import Linear, cancels, changed_by
-from lpvobs.discovery.ranking import best_of, chance_of_nothing, is_proven, is_relevant, structure, uneven_share
+from lpvobs.discovery.ranking import (
+    best_of,
+    chance_of_nothing,
+    is_proven,
+    is_relevant,
+    is_significant,
+    structure,
+    uneven_share,
+)
 from lpvobs.discovery.residual import Problem, Term
 from lpvobs.engines.effects import Effect
 from lpvobs.records import Array
@@ -200,7 +208,8 @@ def _with_one_more(
     problem = linear.problem
     trial = fit(problem, [*linear.terms, best.term], start=linear)
     named, trial = choose_again(trial, best)
-    if not _predicts_better(linear, trial) or _is_remainder(named, accepted, problem) or at_its_end(named.term):
+    predicts = _predicts_better(linear, trial, named)
+    if not predicts or _is_remainder(named, accepted, problem) or at_its_end(named.term):
         return None
     return choose_all_again(trial, (*accepted, named))
 
@@ -229,10 +238,10 @@ def _with_term(linear: Linear, i: int, term: Term) -> Linear:
     return linear if term == linear.terms[i] else with_term(linear, i, term)
 
 
-def _predicts_better(before: Linear, after: Linear) -> bool:
-    """Return whether the new effect explains enough of what is above noise in blocks that it was not fitted to.
+def _predicts_better(before: Linear, after: Linear, newest: Candidate) -> bool:
+    """Return whether the newest effect explains enough of what is above noise in blocks that it was not fitted to.
 
-    Where healthy drives tell, noise is not taken off, and the new effect must be more than what the others leave because the
+    Where healthy drives tell, noise is not taken off, and the newest effect must be more than what the others leave because the
     catalogue has not quite their shape.
     """
     losses = cross_validated(refit(after, before.terms), after)
@@ -241,19 +250,22 @@ def _predicts_better(before: Linear, after: Linear) -> bool:
         above = float(losses.before.sum()) - noise_power(after, losses.counted)
         return bool(gained > thresholds.MATTERS * max(above, 0.0))
     matters = thresholds.MATTERS_LEARNED * float(losses.before.sum())
-    return gained > matters and (not before.terms or _is_of_its_own(after, gained))
+    return gained > matters and (not before.terms or _is_of_its_own(after, newest, gained))
 
 
-def _is_of_its_own(linear: Linear, gained: float) -> bool:
-    """Return whether the newest effect is more than what the others leave; it gains so much in blocks not fitted to."""
-    *others, newest = range(len(linear.terms))
-    if any(cancels(linear, i, newest) for i in others):
+def _is_of_its_own(linear: Linear, newest: Candidate, gained: float) -> bool:
+    """Return whether the newest effect is more than what the others leave; it gains so much in blocks not fitted to.
+
+    It is where what is left of its gain beside others of another shape is proven, too.
+    """
+    *others, last = range(len(linear.terms))
+    if any(cancels(linear, i, last) for i in others):
         return False
     if any(linear.terms[i].effect.id.startswith(("channel:", PREFIX)) for i in others):
         # a channel or a formula has the shape that came first, no cause's own
         nothing = cross_validated(refit(linear, ()), linear)
         return gained > thresholds.SHAPE**2 * (float((nothing.before - nothing.after).sum()) - gained)
-    return own_share(linear, newest) > thresholds.OWN
+    return is_significant(replace(newest, gain=own_share(linear, last) * newest.gain), linear.problem)
 
 
 def own_share(linear: Linear, index: int) -> float:

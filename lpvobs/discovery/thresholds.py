@@ -215,9 +215,6 @@ engines of another structure came with p = 1e-123 and one per cent of it; a name
 MATTERS_LEARNED = 0.005
 """[1] The same where healthy drives tell: it is then a share of all that is left, noise included. Set by an air flow sensor that
 reads 1.1 g/s too much, 0.9 % of it, and a fuel quantity 10 % too large, 0.5 % of it."""
-OWN = 0.5
-"""[1] Share of its gain that a further effect keeps where the others may have another shape. Set by trial on pairs of effects on
-engines of another structure, where it was 0.82 to 0.96."""
 MOST_EFFECTS = 4
 """[1] Largest number of effects of one set of logs. Set by time."""
 MOST_STRUCTURE = 0.02
@@ -237,7 +234,8 @@ REST = 0.1
 bank 3; held by run 10."""
 SHAPE = 0.35
 """[1] Share by which the course of a cause may differ from the catalogue's, rms, where the engine is not the model. Its
-square is the share of a gain that decides nothing, and of a size that is not known. Set by trial on drives of another structure:
+square is the share of a gain that decides nothing, and of a size that is not known. A further effect must be proven by what is left
+of its gain where all others may differ so. Set by trial on drives of another structure:
 a sensor that reads 9 % too little was told from an inlet leak by a ninth of the gain, wrongly; sizes were off by a tenth."""
 RESPONSE = 0.07
 """[1] Share by which a size may be off where the engine's curves are learned: their slopes, and the laws of the catalogue, are not

@@ -13,13 +13,15 @@ from lpvobs.discovery.patterns import Seeming
 from lpvobs.discovery.ranking import chance, is_proven
 from lpvobs.discovery.thresholds import LEAST_LENGTH
 
+TERM = SimpleNamespace(course=None, begin=-np.inf, end=np.inf, effect=SimpleNamespace(unusual=False))
+
 
 @pytest.fixture
 def better(monkeypatch):
     """Return a function from what none, one, two effects leave to whether the last one is accepted."""
 
-    def model(terms, patterns):
-        return SimpleNamespace(terms=tuple(terms), problem=SimpleNamespace(patterns=patterns))
+    def model(terms, problem):
+        return SimpleNamespace(terms=tuple(terms), problem=problem)
 
     def accepted(*left, patterns=(1,), opposed=False, named="", own=0.9):
         def compared(before, after):
@@ -27,12 +29,14 @@ def better(monkeypatch):
             return Losses(here[0], here[1], np.ones(1, dtype=bool), one, 1.0)
 
         monkeypatch.setattr(select, "cross_validated", compared)
-        monkeypatch.setattr(select, "refit", lambda linear, terms: model(terms, linear.problem.patterns))
+        monkeypatch.setattr(select, "refit", lambda linear, terms: model(terms, linear.problem))
         monkeypatch.setattr(select, "noise_power", lambda *_: 0.0)
         monkeypatch.setattr(select, "cancels", lambda *_: opposed)
         monkeypatch.setattr(select, "own_share", lambda *_: own)
         names = [SimpleNamespace(effect=SimpleNamespace(id=f"{named}{i}")) for i in range(len(left) - 1)]
-        return select._predicts_better(model(names[:-1], patterns), model(names, patterns))
+        problem = SimpleNamespace(seeming=Seeming(), patterns=patterns, catalogue=(None,) * 20)
+        newest = Candidate(TERM, 20.0, 1.0, 1.0, np.zeros(1), 1.0, False, 1.0)
+        return select._predicts_better(model(names[:-1], problem), model(names, problem), newest)
 
     return accepted
 
@@ -47,7 +51,8 @@ def test_where_healthy_drives_tell_half_a_hundredth_of_what_is_left_matters(bett
 def test_what_a_cause_leaves_that_is_not_quite_the_catalogue_s_is_no_second_cause(better):
     """A contamination by another law was an inlet leak with an offset beside it."""
     assert better(3000.0, 1000.0, 900.0)
-    assert not better(3000.0, 1000.0, 900.0, own=0.4)  # with another shape, the first explains most of it
+    assert better(3000.0, 1000.0, 900.0, own=0.4)  # 40 P(chi2 > 16) = 0.003
+    assert not better(3000.0, 1000.0, 900.0, own=0.2)  # with another shape, the first explains most of it
     assert not better(3000.0, 1000.0, 996.0)
 
 
@@ -76,15 +81,15 @@ def judged(gain, told, degrees=np.inf, candidates=20, blocks=1, begin=-np.inf):
 def test_a_size_whose_variation_few_drives_tell_is_less_sure():
     gain = 20.0
     noise_alone, _ = judged(gain, 1.0, degrees=12)
-    assert noise_alone == pytest.approx(20 * scipy.stats.chi2.sf(2.0 * gain, 1), rel=0.01)
+    assert noise_alone == pytest.approx(2 * 20 * scipy.stats.chi2.sf(2.0 * gain, 1), rel=0.01)
     beside_variation, _ = judged(2.0 * gain, 0.5, degrees=12)  # as far from none, in standard deviations
-    assert beside_variation == pytest.approx(20 * 2.0 * scipy.stats.t.sf(np.sqrt(2.0 * gain), 48))
+    assert beside_variation == pytest.approx(2 * 20 * 2.0 * scipy.stats.t.sf(np.sqrt(2.0 * gain), 48))
     assert judged(2.0 * gain, 0.5, degrees=np.inf)[0] == pytest.approx(noise_alone, rel=0.01)
 
 
 def test_an_effect_is_proven_by_what_is_left_beside_healthy_variation_and_matters_by_all_of_it():
     assert judged(20.0, 0.5)[1]
-    assert not judged(15.0, 0.3)[1]  # 20 P(chi2 > 9) = 0.05
+    assert not judged(15.0, 0.3)[1]  # 40 P(chi2 > 9) = 0.1
     assert not judged(14.0, 1.0)[1]  # fifteen are asked, whatever the probability
 
 

@@ -56,11 +56,22 @@ RELIABLE = 0.02  # share of the flow without pressure rise; a compressor's flow 
 
 def corrections(c: DieselConstants, x: Mapping[str, Array], rates: Mapping[str, Array]) -> tuple[Correction, ...]:
     """Return how each of `COMPONENTS` moves the balances at n places, given channels and their rates there."""
+    T_em = x["T_em"]
+    W_egr = intake.egr_flow(c, x["p_im"], x["p_em"], x["u_egr"], x["T_im"], T_em)
+    return (
+        *flow_corrections(c, x),
+        Correction(FILLING, 0.5 * W_egr / T_em * rates["T_em"]),
+        Correction(COMPRESSOR, _flow_rate(c, x, rates, "omega_t")),
+        Correction(None, -_flow_rate(c, x, rates, "p_im", "omega_t")),
+    )
+
+
+def flow_corrections(c: DieselConstants, x: Mapping[str, Array]) -> tuple[Correction, ...]:
+    """Return the same of those that add to a flow, all but the lags."""
     p_im, p_em, T_em = x["p_im"], x["p_em"], x["T_em"]
     T_ports = x.get("T_ports", T_em)  # the same at rest: a bench has no history
     W_ei = intake.cylinder_flow(c, x)
     nozzle = intake.egr_area(c, x["u_egr"]) * p_em / np.sqrt(T_em * c.R_e)
-    W_egr = intake.egr_flow(c, p_im, p_em, x["u_egr"], x["T_im"], T_em)
     U_c, rise = c.R_c * x["omega_t"], (p_im / x["p_amb"]) ** (1.0 - 1.0 / c.gamma_a) - 1.0
     Psi_c = np.asarray(2.0 * c.c_pa * x["T_amb"] * rise / U_c**2)
     return (
@@ -70,9 +81,6 @@ def corrections(c: DieselConstants, x: Mapping[str, Array], rates: Mapping[str, 
         Correction(FILLING, intake.per_charge(W_ei, x)),
         Correction(FILLING, W_ei * (T_ports - USUAL_HEAT) / 100.0),
         Correction(FILLING, -nozzle, in_space(OPENING.values, RATIO.values, LOAD.values, x["u_egr"], p_im / p_em, x["u_delta"])),
-        Correction(FILLING, 0.5 * W_egr / T_em * rates["T_em"]),
-        Correction(COMPRESSOR, _flow_rate(c, x, rates, "omega_t")),
-        Correction(None, -_flow_rate(c, x, rates, "p_im", "omega_t")),
     )  # fmt: skip
 
 

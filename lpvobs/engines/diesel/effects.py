@@ -14,7 +14,7 @@ from lpvobs.engines.components.intake import EGR, PRESSURE, AsFound, found_aroun
 from lpvobs.engines.curves import Nodes
 from lpvobs.engines.diesel import relations as relation
 from lpvobs.engines.diesel.constants import DieselConstants, DieselEngine, constants_of
-from lpvobs.engines.diesel.corrections import COMPONENTS, FOLLOWERS, RATIO, corrections
+from lpvobs.engines.diesel.corrections import COMPONENTS, FOLLOWERS, RATIO, flow_corrections
 from lpvobs.engines.effects import BOOST, STEADY, Effect, Signals, gain, lacking, reading
 from lpvobs.engines.residual_model import ComponentCurve, DayToDay, ResidualModel, levels_of
 from lpvobs.engines.unknowns import Correction, Unknowns, loop_unknowns, places_of
@@ -130,13 +130,11 @@ def _changes(found: AsFound, s: Signals) -> Array:
 
 def _parts(found: AsFound, s: Signals) -> Iterator[tuple[int, slice, float, Correction]]:
     """Yield of every correction what it changes, where its values stand, its sign, and how it moves the flow or the lag."""
-    still = np.zeros(s.lacks.shape[1])
-    moved = corrections(found.constants, s.value, {name: s.rate.get(name, still) for name in CHANNELS})
+    lag = Correction(None, np.ones(s.lacks.shape[1]))
+    moved = (*flow_corrections(found.constants, s.value), lag, lag, lag)
     for (name, place), correction in zip(places_of(COMPONENTS).items(), moved, strict=True):
         part = PARTS[name]
-        own = Correction(None, still + 1.0) if part >= T_EM_LAG else correction
-        sign = -1.0 if part == EXHAUST_RETURN else 1.0  # that flow lowers the one past the sensor
-        yield part, place, sign, own
+        yield part, place, -1.0 if part == EXHAUST_RETURN else 1.0, correction  # it lowers the flow past the sensor
 
 
 def by_corrections(modes: Array, found: AsFound, s: Signals, _: Blocks | None) -> Array:
