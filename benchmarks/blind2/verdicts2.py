@@ -75,7 +75,7 @@ class Seen:
         """What became of an unlisted form: found, unexplained, wrong or none."""
         if self.verdict["verdict"] != "effect":
             return str(self.verdict["verdict"])
-        right = all(_follows(effect["id"], self.truth["channels"]) for effect in self.named)
+        right = all(_follows(effect, self.truth["channels"]) for effect in self.named)
         return "found" if right and (self.recovered is None or self.recovered >= 0.5) else "wrong"
 
     @property
@@ -142,11 +142,12 @@ def _may_be(effect: Mapping[str, Any], id_: str) -> bool:
     return bool(effect["id"] == id_ or (id_ in alike and len(alike) <= MOST_ALIKE))
 
 
-def _follows(id_: str, channels: Sequence[str]) -> bool:
-    """Return whether a form or a channel's curve has one of the channels."""
-    kind, _, text = id_.partition(":")
-    words = set(re.findall(r"[A-Za-z_]\w*", text))
-    return kind in ("form", "channel") and bool(words & set(channels))
+def _follows(effect: Mapping[str, Any], channels: Sequence[str]) -> bool:
+    """Return whether a form or a channel's curve has one of the channels, or a set of three at most holds one that does."""
+    alike = [effect["id"], *effect["indistinguishable"]]
+    texts = [each.partition(":")[2] for each in (alike if len(alike) <= MOST_ALIKE else alike[:1])]
+    named = any(set(re.findall(r"[A-Za-z_]\w*", text)) & set(channels) for text in texts)
+    return named and effect["id"].startswith(("form:", "channel:"))
 
 
 def _said(effect: Mapping[str, Any]) -> str:
@@ -213,7 +214,13 @@ def rows(seen: Sequence[Seen]) -> list[Row]:
         ),
         Row("size inside its 90 % interval", sized, 0.85, 0.95),
         Row("pairs: both found", [all(s.finds(e["id"]) for e in s.truth["effects"]) for s in of["pair"]], 0.80),
-        Row("component curves: named", [s.finds(s.truth["effects"][0]["id"]) for s in of["curve"]], 0.90),
+        *(
+            Row(f"component curves, true change {where} 1 %: named", [_curve_named(s) for s in curves], wanted)
+            for where, curves, wanted in (
+                ("above", [s for s in of["curve"] if s.truth["change"] >= SMALL], 0.90),
+                ("below", [s for s in of["curve"] if s.truth["change"] < SMALL], 0.0),
+            )
+        ),
         Row("unlisted forms and courses: found", [each in RIGHT for each in found], 0.60),
         Row("- formulas: found", [each == "found" for each in forms], 0.60),
         Row("- courses: found", [each in RIGHT for each in courses], 0.60),
@@ -229,6 +236,10 @@ def rows(seen: Sequence[Seen]) -> list[Row]:
         Row("at most 15 s of CPU for 15 minutes of driving", [seconds <= 15.0 for seconds in pace], 1.0),
         Row("judged at all", [s.verdict["verdict"] != "refused" for s in seen], 1.0),
     ]
+
+
+def _curve_named(seen: Seen) -> bool:
+    return seen.finds(seen.truth["effects"][0]["id"])
 
 
 def paces(seen: Sequence[Seen]) -> list[float]:

@@ -201,13 +201,18 @@ def elsewhere_of(linear: Linear) -> float:
 
 
 def in_place(linear: Linear, index: int, like: Candidate) -> Candidate:
-    """Return an effect of the model as a candidate, with information and unevenness taken from the joint model."""
+    """Return an effect of the model as a candidate, with information and unevenness taken from the joint model.
+
+    So is its gain, where to first order its derivative was noise.
+    """
     at = linear.p + linear.beta.size + index
     row = linear.row(index)
     information = 1.0 / row[at] - pins(linear)[at, at]
     left = linear.moved(linear.residual, linear.newton_step)
     scores = linear.products_by_block(left) @ (row / row[at])
-    return replace(like, **_weighed(linear, linear.terms[index], left, scores, information))
+    term = linear.terms[index]
+    gain = like.gain if like.gain > 0.0 else 0.5 * information * (term.size - term.effect.null) ** 2
+    return replace(like, gain=gain, **_weighed(linear, term, left, scores, information))
 
 
 def gains_of_intervals(linear: Linear, direction: Array) -> Array:

@@ -160,7 +160,7 @@ def best_forms(linear: Linear, found: Sequence[Candidate]) -> list[Candidate]:
         for name in library.names if start.form.target in targets else ():
             longer = replace(start.form, factors=(*start.form.factors, Factor(name)))
             pool += library.best(start.lot, longer)[:1] if name != start.form.target else []
-    leading = _leading([*pool, *alone], thresholds.FORM_TRIED)
+    leading = _leading(_plainest([*pool, *alone]), thresholds.FORM_TRIED)
     if not leading:
         return []
     least = thresholds.CLOSE * max(leading[0].score, score(found[0]))
@@ -172,6 +172,16 @@ def best_forms(linear: Linear, found: Sequence[Candidate]) -> list[Candidate]:
 
 def _leading(tried: Sequence[_Tried], most: int) -> list[_Tried]:
     return sorted((each for each in tried if each.score > -np.inf), key=lambda each: -each.score)[:most]
+
+
+def _plainest(tried: Sequence[_Tried]) -> list[_Tried]:
+    """Return forms without those that have all factors of a better one, and more: a product with what hardly moves is no rival."""
+    found: list[tuple[set[tuple[str, str]], _Tried]] = []
+    for each in _leading(tried, len(tried)):
+        own = {("", each.form.target), *((factor.of, factor.signal) for factor in each.form.factors)}
+        if not any(better < own for better, _ in found):
+            found.append((own, each))
+    return [each for _, each in found]
 
 
 def _refined(linear: Linear, library: _Products, form: Form) -> _Tried:

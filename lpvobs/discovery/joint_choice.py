@@ -113,8 +113,8 @@ def _curve_again(linear: Linear, candidate: Candidate) -> tuple[Candidate, Linea
 
 
 def at_its_end(term: Term) -> bool:
-    """Return whether the curve of a component is as large as it can be: it stands for something else then."""
-    return isinstance(term.curve, FactorSurface) and not term.effect.low < term.size < term.effect.high
+    """Return whether an effect is as large as it can be: it stands for something else then."""
+    return not term.effect.low < term.size < term.effect.high
 
 
 def choose_all_again(linear: Linear, accepted: tuple[Candidate, ...]) -> tuple[Linear, tuple[Candidate, ...]]:
@@ -187,7 +187,8 @@ def finished(
     own = replace(in_place(linear, index, candidate), gain=float((loss_of(bare) - loss_of(linear)).sum()))
     like = _as_fitted(linear, bare, own)
     others = [e for e in problem.catalogue if e.id != own.id and (own.changes or not problem.absorbs(e))]
-    others += [e for e in forms if term.effect in forms and e.place != term.effect.place]
+    own_form = term.effect.place, term.effect.drive  # the drive that would tell names the signals of a formula
+    others += [e for e in forms if term.effect in forms and (e.place, e.drive) != own_form]
     if term.course is not None:
         able = [e for e in others if term.course.name not in GRADED or can_be_graded(e)]
         rivals = best_first(fit_course(bare, e, term.course) for e in able)

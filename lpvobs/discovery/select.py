@@ -170,12 +170,13 @@ def _search(
         if not (accepted or any(is_proven(c, linear) for c in found)):
             found = (*found, *once(on_courses, linear))
         ranking = ranking or found
-        best = next((c for c in found if is_proven(c, linear)), found[0])
+        named = {c.id for c in accepted}
+        best = next((c for c in found if c.id not in named and is_proven(c, linear)), found[0])
         # More than what may be left: proven, where healthy drives tell how errors look.
         counts = is_proven if len(problem.patterns) else is_relevant
         if any(_same_place_again(c, accepted) for c in (found[0], best) if counts(c, linear)):
             return _Search("unexplained", [], before, before, ranking, accepted)
-        if not is_proven(best, linear) or any(c.id == best.id for c in accepted):
+        if not is_proven(best, linear) or best.id in named:
             break
         longer = once(_with_one_more, linear, best, accepted)
         if longer is None:
@@ -342,15 +343,24 @@ def _same_place_again(candidate: Candidate, accepted: Sequence[Candidate]) -> bo
     """Return whether a candidate acts at the place of an accepted effect, but at another time.
 
     No cause of the catalogue does that. The candidate is the same effect again, or one that ends beside one with an onset or
-    an end. It need not be proven: two episodes and the pause between them have no single size.
+    an end. It need not be proven: two episodes and the pause between them have no single size. The same effect at the same time is
+    what its shape leaves.
     """
     stops = candidate.changes > 0 and bool(np.isfinite(candidate.term.end))
     for c in accepted:
+        if c.id == candidate.id and _same_time(c.term, candidate.term):
+            continue
         again = candidate.gain > thresholds.AGAIN * c.gain
         beside = stops and c.changes > 0 and c.term.effect.place == candidate.term.effect.place
         if (again and (beside or c.id == candidate.id)) or (beside and _separate_in_time(c.term, candidate.term)):
             return True
     return False
+
+
+def _same_time(one: Term, other: Term) -> bool:
+    """Return whether two terms begin and end together, within the error of an onset."""
+    ends = np.array([[one.begin, one.end], [other.begin, other.end]])
+    return bool(np.allclose(*ends, rtol=0.0, atol=thresholds.STRETCH))
 
 
 def _separate_in_time(one: Term, other: Term) -> bool:

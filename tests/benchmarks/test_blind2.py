@@ -90,6 +90,9 @@ def test_a_size_is_judged_where_the_true_effect_is_named():
     [
         ([effect("form:W_maf too high by 0.01 (T_coolant - 350) W_c")], "formulas: found"),
         ([effect("channel:T_coolant")], "formulas: found"),
+        ([effect("form:0.01 p_im", indistinguishable=["form:0.01 T_amb"])], "formulas: found"),
+        ([effect("form:0.01 p_im", indistinguishable=["form:0.01 T_amb", "form:n_e", "maf.lag"])], "wrong name"),
+        ([effect("maf.gain", indistinguishable=["form:0.01 T_amb"])], "wrong name"),
         ([effect("form:W_maf too high by 0.01 humidity")], "wrong name"),
         ([effect("maf.gain")], "wrong name"),
         ([], "`none`"),
@@ -99,6 +102,17 @@ def test_a_formula_has_to_have_one_of_the_channels(said, outcome):
     given = drive("form", verdict(*said), channels=["T_coolant", "T_amb"])
     assert seen_of(f"- {outcome}", given) == (1, 1)
     assert seen_of("wrong name where nothing", given) == (int(outcome == "wrong name"), 1)
+
+
+def test_a_curve_that_changes_little_has_a_row_of_its_own():
+    curve = {"inputs": [], "factor": [], "amplitude": 1.0}
+    right, wrong = verdict(effect("egr.curve")), verdict(effect("egr.area"))
+    drives = [
+        drive("curve", said, "egr.curve", curve=curve, change=change)
+        for said, change in ((right, 0.02), (wrong, 0.02), (wrong, 0.005))
+    ]
+    assert seen_of("component curves, true change above", *drives) == (1, 2)
+    assert seen_of("component curves, true change below", *drives) == (0, 1)
 
 
 def test_a_formula_that_recovers_little_is_a_wrong_name():
