@@ -53,7 +53,7 @@ def test_what_a_cause_leaves_that_is_not_quite_the_catalogue_s_is_no_second_caus
     assert better(3000.0, 1000.0, 900.0)
     assert better(3000.0, 1000.0, 900.0, own=0.4)  # 40 P(chi2 > 16) = 0.003
     assert not better(3000.0, 1000.0, 900.0, own=0.2)  # with another shape, the first explains most of it
-    assert not better(3000.0, 1000.0, 996.0)
+    assert not better(3000.0, 1000.0, 999.5)
 
 
 @pytest.mark.parametrize("named", ["channel:", "form:"])
