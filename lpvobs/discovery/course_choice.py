@@ -4,7 +4,8 @@ A course is the simplest that the data support, by what it gains less the cost o
 """
 
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import scipy
@@ -22,21 +23,43 @@ from lpvobs.discovery.residual import Problem, Term
 from lpvobs.engines.effects import Effect
 from lpvobs.records import Array
 
-Bank = tuple[list[TracedCourse], Array]  # courses, and their shares
+
+@dataclass(frozen=True, eq=False)
+class Bank:
+    """Courses to try."""
+
+    courses: tuple[TracedCourse, ...]
+    shares: Array  # (m, stretches) means over stretches, which are fine enough for a first look
+
+    def __add__(self, other: "Bank") -> "Bank":
+        """Return the courses of both."""
+        return Bank((*self.courses, *other.courses), np.concatenate([self.shares, other.shares]))
+
+    @cached_property
+    def changes(self) -> Array:
+        """The parameters that the data pay for, shape (m,)."""
+        return np.array([course.changes for course in self.courses], dtype=float)
+
+    @cached_property
+    def kinds(self) -> Mapping[str, NDArray[np.int64]]:
+        """The places of the courses of each kind, by its name."""
+        names = np.array([course.name for course in self.courses])
+        return {name: np.flatnonzero(names == name) for name in dict.fromkeys(names.tolist())}
 
 
 def best_course(linear: Linear, bare: Linear, own: Candidate, rivals: Sequence[Effect]) -> Candidate:
     """Return the newest effect of a model, or it or a rival on the course that explains the residual better."""
     # `bare` is the model without it. Where a logged channel explains as much as a course without a cause, it is the
     # channel.
-    relays, graded = _relays(bare.problem), _joined(_in_time(bare.problem), _lagging(bare.problem))
+    relays = _relays(bare.problem)
+    every = relays + _in_time(bare.problem) + _lagging(bare.problem)
     found: list[Candidate] = []
     # A reading of the flow that comes and goes may be any disturbance: without a cause in the log it has no name.
     if own.term.effect.place != "sensor":
         intervals = _comes_and_goes(linear, len(linear.terms) - 1)
         found = [fit_course(bare, own.term.effect, course) for course in intervals]
     for effect in _with_courses([own.term.effect, *rivals]):
-        found += [fit_course(bare, effect, course) for course in _promising(bare, effect, graded, relays)]
+        found += [fit_course(bare, effect, course) for course in _promising(bare, effect, every, relays)]
     best = own
     for each in ([c for c in found if _is_same(c, own)], found):
         leading = finer(bare, max(each, key=score, default=own))
@@ -67,11 +90,12 @@ def _is_same(one: Candidate, other: Candidate) -> bool:
 def on_courses(bare: Linear) -> list[Candidate]:
     """Return every effect on the course over time and the relay of an input that explain most, best first."""
     # The state of an input that moves slowly is no evidence by itself: what differs from day to day looks like it.
-    relays, graded = _relays(bare.problem), _in_time(bare.problem)
+    relays = _relays(bare.problem)
+    every = relays + _in_time(bare.problem)
     return best_first(
         finer(bare, fit_course(bare, effect, course))
         for effect in _with_courses(bare.problem.catalogue)
-        for course in _promising(bare, effect, graded, relays)
+        for course in _promising(bare, effect, every, relays)
     )
 
 
@@ -106,8 +130,11 @@ def gains(linear: Linear, direction: Array, shares: Array) -> Array:
     whitened = linear.whiten(direction)
     products, along = linear.along_stretches(direction, whitened)
     along = along - products @ linear.newton_step
-    white = scipy.linalg.solve_triangular(linear.factor, (shares @ products).T, lower=True, check_finite=False)
-    information = linear.noise.powers(direction, whitened, linear.problem.first, shares) - (white**2).sum(0)
+    few = len(shares) < len(products)  # the fewer right-hand sides, the sooner it is solved
+    right = shares @ products if few else products
+    white = scipy.linalg.solve_triangular(linear.factor, right.T, lower=True, check_finite=False).T
+    taken = ((white if few else shares @ white) ** 2).sum(1)
+    information = linear.noise.powers(direction, whitened, linear.problem.first, shares) - taken
     usable = information > 1e-6 * np.abs(information).max()
     return np.where(usable, 0.5 * (shares @ along) ** 2 / np.where(usable, information, 1.0), 0.0)
 
@@ -171,19 +198,19 @@ def finer(bare: Linear, found: Candidate) -> Candidate:
     return found
 
 
-def _promising(bare: Linear, effect: Effect, graded: Bank, relays: Bank) -> list[TracedCourse]:
-    """Return the courses of an effect that gain most to first order less what they cost, one of each kind at most."""
-    slope, problem = slope_of(bare, effect, effect.null), bare.problem
-    each = [(_by_place(bare), relays)]
-    if can_be_graded(effect):
-        each.append((bare, graded))
-    best: dict[str, tuple[float, TracedCourse]] = {}
-    for linear, (courses, shares) in each:
-        for course, gain in zip(courses, gains(linear, slope, shares) if courses else (), strict=True):
-            net = gain - penalty(course.changes, problem.first.size, gain)
-            if net > best.get(course.name, (0.0,))[0]:
-                best[course.name] = net, course
-    return [course for _, course in sorted(best.values(), key=lambda item: -item[0])[: thresholds.MOST_COURSES]]
+def _promising(bare: Linear, effect: Effect, every: Bank, relays: Bank) -> list[TracedCourse]:
+    """Return the courses of an effect that gain most to first order less what they cost, one of each kind at most.
+
+    One that cannot be there in part has relays alone.
+    """
+    bank, best = every if can_be_graded(effect) else relays, []
+    gain = gains(bare, slope_of(bare, effect, effect.null), bank.shares) if bank.courses else np.zeros(0)
+    net = gain - penalty(bank.changes, bare.problem.first.size, gain)
+    for places in bank.kinds.values():
+        top = places[np.argmax(net[places])]
+        best.append((float(net[top]), bank.courses[top]))
+    best = sorted((each for each in best if each[0] > 0.0), key=lambda each: -each[0])
+    return [course for _, course in best[: thresholds.MOST_COURSES]]
 
 
 def _by_place(linear: Linear) -> Linear:
@@ -193,9 +220,8 @@ def _by_place(linear: Linear) -> Linear:
 
 
 def _relays(problem: Problem) -> Bank:
-    """Return courses that begin and end at values of an input, with their shares at every place."""
-    courses = list(hystereses(_inputs(problem), thresholds.RELAY_LEVELS))
-    return courses, np.array([problem.share(course) for course in courses])
+    """Return courses that begin and end at values of an input, with their shares by stretch."""
+    return _by_stretch(problem, list(hystereses(_inputs(problem), thresholds.RELAY_LEVELS)))
 
 
 def _in_time(problem: Problem) -> Bank:
@@ -205,22 +231,24 @@ def _in_time(problem: Problem) -> Bank:
     if problem.of_log[-1] == 0 and problem.first.size >= 3 * thresholds.LEAST_LENGTH:
         courses = list(in_time(problem.begins, thresholds.LEAST_LENGTH, whole * np.array(thresholds.TIME_CONSTANTS)))
     at = 0.5 * (problem.begins + middle)
-    return courses, np.array([c.share(at, problem.channel, float(problem.clock[-1])) for c in courses])
+    shares = [c.share(at, problem.channel, float(problem.clock[-1])) for c in courses]
+    return Bank(tuple(courses), np.reshape(shares, (len(courses), at.size)))
 
 
 def _lagging(problem: Problem) -> Bank:
     """Return courses that lag behind an input, with their shares by stretch."""
-    whole, count = float(problem.clock[-1] - problem.clock[0]), np.diff(np.append(problem.first, problem.K))
+    whole = float(problem.clock[-1] - problem.clock[0])
     courses: list[TracedCourse] = []
     for name in _inputs(problem):
         for tau in whole * np.array(thresholds.TIME_CONSTANTS):
             courses += lags(name, problem.state(name, float(tau)), float(tau))
-    return courses, np.array([np.add.reduceat(problem.share(c), problem.first) / count for c in courses])
+    return _by_stretch(problem, courses)
 
 
-def _joined(one: Bank, other: Bank) -> Bank:
-    """Return the courses of both, with shares over the same stretches."""
-    return [*one[0], *other[0]], np.array([*one[1], *other[1]])
+def _by_stretch(problem: Problem, courses: list[TracedCourse]) -> Bank:
+    count = np.diff(np.append(problem.first, problem.K))
+    shares = [np.add.reduceat(problem.share(course), problem.first) / count for course in courses]
+    return Bank(tuple(courses), np.reshape(shares, (len(courses), count.size)))
 
 
 def _inputs(problem: Problem) -> Mapping[str, Array]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import scipy
@@ -268,7 +268,10 @@ def best_gain(linear: Linear, effect: Effect) -> float:
     return max(0.0 if linear.problem.absorbs(effect) else float(gains[0, blocks]), *tops)
 
 
-def penalty(changes: int, blocks: int, gain: float, from_start: bool = False) -> float:
+Gain = TypeVar("Gain", float, Array)  # of one candidate, or of each of many
+
+
+def penalty(changes: Gain, blocks: int, gain: Gain, from_start: bool = False) -> Gain:
     """Return what an interval must gain over the whole log.
 
     Each end costs the search over its place and a hundredth of the gain. An interval that ends, but begins at or just after the

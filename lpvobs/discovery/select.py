@@ -359,8 +359,8 @@ def _same_place_again(candidate: Candidate, accepted: Sequence[Candidate]) -> bo
 
 def _same_time(one: Term, other: Term) -> bool:
     """Return whether two terms begin and end together, within the error of an onset."""
-    ends = np.array([[one.begin, one.end], [other.begin, other.end]])
-    return bool(np.allclose(*ends, rtol=0.0, atol=thresholds.STRETCH))
+    own, theirs = (one.begin, one.end), (other.begin, other.end)
+    return bool(np.allclose(own, theirs, rtol=0.0, atol=thresholds.STRETCH))
 
 
 def _separate_in_time(one: Term, other: Term) -> bool:

@@ -213,8 +213,8 @@ MATTERS = 0.05
 """[1] Share of what is above noise on held-out blocks that a further effect must explain there. Set by choice: wrong names on
 engines of another structure came with p = 1e-123 and one per cent of it; a name that leaves the residual as it is helps nobody."""
 MATTERS_LEARNED = 0.001
-"""[1] The same where healthy drives tell: it is then a share of all that is left, noise included. Set by two readings of the flow that
-are a constant too high, 0.14 and 0.15 % of it, and by two wrong names, less than 0.06 %, on seed 106607 of the second bank."""
+"""[1] The same where healthy drives tell: it is then a share of all that is left, noise included. Set by two readings of the flow
+that are a constant too high, 0.14 and 0.15 % of it, and by two wrong names, less than 0.06 %, on seed 106607 of the second bank."""
 MOST_EFFECTS = 4
 """[1] Largest number of effects of one set of logs. Set by time."""
 MOST_STRUCTURE = 0.02
