@@ -22,9 +22,13 @@ from lpvobs.discovery.residual import Problem
 from lpvobs.engines.effects import Effect
 
 
-def uneven_share(candidate: Candidate, problem: Problem) -> float:
-    """Return the further gain of a size of its own for every block, over the gain of one size for all."""
-    return 0.5 * (candidate.unevenness - 1.0) * problem.coarse_blocks / max(candidate.gain, 1e-9)
+def is_uneven(candidate: Candidate, problem: Problem) -> bool:
+    """Return whether a candidate has no single size: by how much more one of its own for every block would gain, of its gain.
+
+    Where healthy drives tell, the engine is not the model, and a cause is not quite the catalogue's.
+    """
+    more = 0.5 * (candidate.unevenness - 1.0) * problem.coarse_blocks
+    return more > (thresholds.SHAPE if len(problem.patterns) else thresholds.MOST_UNEVEN) * candidate.gain
 
 
 def rank(linear: Linear, effects: Sequence[Effect]) -> list[Candidate]:

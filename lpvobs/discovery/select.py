@@ -24,8 +24,8 @@ from lpvobs.discovery.ranking import (
     is_proven,
     is_relevant,
     is_significant,
+    is_uneven,
     structure,
-    uneven_share,
 )
 from lpvobs.discovery.residual import Problem, Term
 from lpvobs.engines.effects import Effect
@@ -183,7 +183,7 @@ def _search(
             break
         linear, accepted = longer
     needed, linear = _pruned(linear, accepted)
-    uneven = any(uneven_share(c, problem) > thresholds.MOST_UNEVEN for c in needed)
+    uneven = any(is_uneven(c, problem) for c in needed)
     goes = any(t.course is None and comes_and_goes(linear, i) for i, t in enumerate(linear.terms))
     apart = any(_separate_in_time(a.term, b.term) for a, b in combinations(needed, 2))
     varies = structure(linear) >= thresholds.MOST_STRUCTURE * 0.5 * problem.data
@@ -301,7 +301,7 @@ def _is_remainder(candidate: Candidate, accepted: Sequence[Candidate], problem: 
     """
     most = max((c.gain for c in accepted), default=0.0)
     little = candidate.gain < min(thresholds.AGAIN * most, thresholds.REST * 0.5 * problem.data)
-    return little and (candidate.changes > 1 or uneven_share(candidate, problem) > thresholds.MOST_UNEVEN)
+    return little and (candidate.changes > 1 or is_uneven(candidate, problem))
 
 
 def _pruned(linear: Linear, accepted: Sequence[Candidate]) -> tuple[Sequence[Candidate], Linear]:
