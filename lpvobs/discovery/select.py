@@ -9,27 +9,26 @@ from typing import Any
 import numpy as np
 
 from lpvobs.discovery import thresholds
+from lpvobs.discovery.companions import is_remainder, predicts_better, pruned, same_place_again, separate_in_time
 from lpvobs.discovery.course_choice import comes_and_goes, on_courses, sharpened, timed_again
-from lpvobs.discovery.evidence import Candidate, dated_again, fit_candidate, in_place
+from lpvobs.discovery.evidence import Candidate, dated_again, fit_candidate
 from lpvobs.discovery.fit import fit, objective, refit, standard_errors, with_term, without
 from lpvobs.discovery.form_search import beside_forms, best_forms
 from lpvobs.discovery.forms import PREFIX
-from lpvobs.discovery.held_out import Losses, compare, cross_validated, noise_power
+from lpvobs.discovery.held_out import Losses, compare, cross_validated
 from lpvobs.discovery.inside import settled
 from lpvobs.discovery.joint_choice import Accepted, at_its_end, choose_again, choose_all_again, finished
-from lpvobs.discovery.linear import Linear, cancels, changed_by
+from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.ranking import (
     best_of,
     chance_of_nothing,
     is_proven,
     is_relevant,
-    is_significant,
     is_uneven,
     structure,
 )
 from lpvobs.discovery.residual import Problem, Term
 from lpvobs.engines.effects import Effect
-from lpvobs.records import Array
 
 Once = Callable[..., Any]  # returns what work on the same objects gives, or gave before
 
@@ -174,7 +173,7 @@ def _search(
         best = next((c for c in found if c.id not in named and is_proven(c, linear)), found[0])
         # More than what may be left: proven, where healthy drives tell how errors look.
         counts = is_proven if len(problem.patterns) else is_relevant
-        if any(_same_place_again(c, accepted) for c in (found[0], best) if counts(c, linear)):
+        if any(same_place_again(c, accepted) for c in (found[0], best) if counts(c, linear)):
             return _Search("unexplained", [], before, before, ranking, accepted)
         if not is_proven(best, linear) or best.id in named:
             break
@@ -182,10 +181,10 @@ def _search(
         if longer is None:
             break
         linear, accepted = longer
-    needed, linear = _pruned(linear, accepted)
+    needed, linear = pruned(linear, accepted)
     uneven = any(is_uneven(c, problem) for c in needed)
     goes = any(t.course is None and comes_and_goes(linear, i) for i, t in enumerate(linear.terms))
-    apart = any(_separate_in_time(a.term, b.term) for a, b in combinations(needed, 2))
+    apart = any(separate_in_time(a.term, b.term) for a, b in combinations(needed, 2))
     varies = structure(linear) >= thresholds.MOST_STRUCTURE * 0.5 * problem.data
     if uneven or goes or apart or varies:
         return _Search("unexplained", [], before, before, ranking, needed)
@@ -209,8 +208,8 @@ def _with_one_more(
     problem = linear.problem
     trial = fit(problem, [*linear.terms, best.term], start=linear)
     named, trial = choose_again(trial, best)
-    predicts = _predicts_better(linear, trial, named)
-    if not predicts or _is_remainder(named, accepted, problem) or at_its_end(named.term):
+    predicts = predicts_better(linear, trial, named)
+    if not predicts or is_remainder(named, accepted, problem) or at_its_end(named.term):
         return None
     return choose_all_again(trial, (*accepted, named))
 
@@ -237,133 +236,3 @@ def _with_all(linear: Linear) -> Linear:
 def _with_term(linear: Linear, i: int, term: Term) -> Linear:
     """Return the model with another term in one place."""
     return linear if term == linear.terms[i] else with_term(linear, i, term)
-
-
-def _predicts_better(before: Linear, after: Linear, newest: Candidate) -> bool:
-    """Return whether the newest effect explains enough of what is above noise in blocks that it was not fitted to.
-
-    Where healthy drives tell, noise is not taken off, and the newest effect must be more than what the others leave because the
-    catalogue has not quite their shape.
-    """
-    losses = cross_validated(refit(after, before.terms), after)
-    gained = float((losses.before - losses.after).sum())
-    if not len(after.problem.patterns):
-        above = float(losses.before.sum()) - noise_power(after, losses.counted)
-        return bool(gained > thresholds.MATTERS * max(above, 0.0))
-    matters = thresholds.MATTERS_LEARNED * float(losses.before.sum())
-    return gained > matters and (not before.terms or _is_of_its_own(after, newest, gained))
-
-
-def _is_of_its_own(linear: Linear, newest: Candidate, gained: float) -> bool:
-    """Return whether the newest effect is more than what the others leave; it gains so much in blocks not fitted to.
-
-    It is where what is left of its gain beside others of another shape is proven, too.
-    """
-    *others, last = range(len(linear.terms))
-    if any(cancels(linear, i, last) for i in others):
-        return False
-    if any(linear.terms[i].effect.id.startswith(("channel:", PREFIX)) for i in others):
-        # a channel or a formula has the shape that came first, no cause's own
-        nothing = cross_validated(refit(linear, ()), linear)
-        return gained > thresholds.SHAPE**2 * (float((nothing.before - nothing.after).sum()) - gained)
-    return is_significant(replace(newest, gain=own_share(linear, last) * newest.gain), linear.problem)
-
-
-def own_share(linear: Linear, index: int) -> float:
-    """Return the share of a term's gain that is left where every other term may have another shape.
-
-    What another term changes may be off, in all balances alike, by a share of `SHAPE` rms that is smooth in the channels.
-    """
-    smooth, others = _bends(linear.problem), [i for i in range(len(linear.terms)) if i != index]
-    changes = [changed_by(linear, i) for i in others]
-    bent = [linear.whiten(change * each) for change in changes for each in smooth]
-    own = linear.whiten(changed_by(linear, index))
-    gradient, information = without(linear, index).beside(np.stack([*bent, own]))
-    known = information[:-1, :-1] + np.eye(len(bent)) * len(smooth) / thresholds.SHAPE**2
-    taken = np.linalg.solve(known, np.stack([gradient[:-1], information[:-1, -1]], axis=1))
-    left, told = np.array([gradient[-1], information[-1, -1]]) - information[-1, :-1] @ taken
-    if not (told > 0.0 and information[-1, -1] > 0.0):
-        return 0.0
-    return float((left**2 / told) / max(gradient[-1] ** 2 / information[-1, -1], 1e-300))
-
-
-def _bends(problem: Problem) -> Array:
-    """Return lines and parabolas over every moving channel and over the time, of unit variance, shape (m, K)."""
-    lines = [x for x in (*problem.inputs().values(), problem.clock) if np.std(x) > thresholds.STANDS * abs(np.mean(x))]
-    scaled = [(x - x.mean()) / x.std() for x in lines]
-    return np.stack([*scaled, *((x**2 - 1.0) / np.std(x**2) for x in scaled)])
-
-
-def _is_remainder(candidate: Candidate, accepted: Sequence[Candidate], problem: Problem) -> bool:
-    """Return whether an effect is only what the others leave in fast transients or at their edges.
-
-    Its gain is then small beside theirs, and it has no single size, or it both begins and ends.
-    """
-    most = max((c.gain for c in accepted), default=0.0)
-    little = candidate.gain < min(thresholds.AGAIN * most, thresholds.REST * 0.5 * problem.data)
-    return little and (candidate.changes > 1 or is_uneven(candidate, problem))
-
-
-def _pruned(linear: Linear, accepted: Sequence[Candidate]) -> tuple[Sequence[Candidate], Linear]:
-    """Return the effects that are still needed beside the others, and the model with these alone.
-
-    Where healthy drives tell, what begins at the place of a stronger effect in the same moment is that effect, of another shape
-    than the catalogue's. It was in the model until here, so that nothing else took its place.
-    """
-    while accepted:
-        accepted = [in_place(linear, i, c) for i, c in enumerate(accepted)]
-        strong = [wald(c) for c in accepted]
-        learned = len(linear.problem.patterns) > 0
-        parts = [i for i in range(len(strong)) if learned and _is_part(i, strong, linear.terms)]
-        weakest = parts[0] if parts else int(np.argmin(strong))
-        if not parts and strong[weakest] >= thresholds.WEAKEST:
-            break
-        accepted = [item for i, item in enumerate(accepted) if i != weakest]
-        terms = [t for i, t in enumerate(linear.terms) if i != weakest]
-        linear = fit(linear.problem, terms, start=linear)
-    return accepted, linear
-
-
-def _is_part(i: int, strong: Sequence[float], terms: Sequence[Term]) -> bool:
-    """Return whether a term acts at the place of a stronger one from the same moment on."""
-    own = terms[i]
-    alike = [
-        term.effect.place == own.effect.place and abs(term.begin - own.begin) <= thresholds.COARSE for term in terms
-    ]
-    return any(same and further > strong[i] for same, further in zip(alike, strong, strict=True))
-
-
-def wald(candidate: Candidate) -> float:
-    """Return the squared distance of a size from none, over its variance."""
-    away = candidate.term.size - candidate.term.effect.null
-    return float(away**2 * candidate.information / max(candidate.unevenness, 1.0))
-
-
-def _same_place_again(candidate: Candidate, accepted: Sequence[Candidate]) -> bool:
-    """Return whether a candidate acts at the place of an accepted effect, but at another time.
-
-    No cause of the catalogue does that. The candidate is the same effect again, or one that ends beside one with an onset or
-    an end. It need not be proven: two episodes and the pause between them have no single size. The same effect at the same time is
-    what its shape leaves.
-    """
-    stops = candidate.changes > 0 and bool(np.isfinite(candidate.term.end))
-    for c in accepted:
-        if c.id == candidate.id and _same_time(c.term, candidate.term):
-            continue
-        again = candidate.gain > thresholds.AGAIN * c.gain
-        beside = stops and c.changes > 0 and c.term.effect.place == candidate.term.effect.place
-        if (again and (beside or c.id == candidate.id)) or (beside and _separate_in_time(c.term, candidate.term)):
-            return True
-    return False
-
-
-def _same_time(one: Term, other: Term) -> bool:
-    """Return whether two terms begin and end together, within the error of an onset."""
-    own, theirs = (one.begin, one.end), (other.begin, other.end)
-    return bool(np.allclose(own, theirs, rtol=0.0, atol=thresholds.STRETCH))
-
-
-def _separate_in_time(one: Term, other: Term) -> bool:
-    """Return whether two terms of one place act at different times, farther apart than the error of an onset."""
-    apart = one.end + thresholds.STRETCH < other.begin or other.end + thresholds.STRETCH < one.begin
-    return bool(apart and one.effect.place == other.effect.place)

@@ -136,3 +136,16 @@ def test_a_housing_that_warms_up_is_found_as_a_formula_and_taken_out(plant, conf
         found.terms[0].effect.apply(found.before.problem.signals, 1e-3)["W_maf"],
         rtol=5e-3,  # a lag begins at the first sample, in a problem at the first window
     )
+
+
+def test_a_product_with_what_hardly_moves_is_no_rival_of_the_plainer_form():
+    """Six forms were tried of a reading that follows the shaft's speed, five of them p_im times something else."""
+
+    def tried(score, *signals):
+        return form_search._Tried(score, Form("W_maf", tuple(Factor(name) for name in signals)), None)
+
+    plain, worse, other, better = (
+        tried(50.0, "p_im"), tried(49.0, "p_im", "T_amb"), tried(40.0, "omega_t", "omega_t"), tried(60.0, "p_im", "n_e"),
+    )  # fmt: skip
+    assert form_search._plainest([worse, other, plain]) == [plain, other]
+    assert form_search._plainest([plain, better]) == [better, plain]

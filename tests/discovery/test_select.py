@@ -8,64 +8,9 @@ import scipy
 
 from lpvobs.discovery import form_search, ranking, select
 from lpvobs.discovery.evidence import Candidate
-from lpvobs.discovery.held_out import Losses
 from lpvobs.discovery.patterns import Seeming
 from lpvobs.discovery.ranking import chance, is_proven
 from lpvobs.discovery.thresholds import LEAST_LENGTH
-
-TERM = SimpleNamespace(course=None, begin=-np.inf, end=np.inf, effect=SimpleNamespace(unusual=False))
-
-
-@pytest.fixture
-def better(monkeypatch):
-    """Return a function from what none, one, two effects leave to whether the last one is accepted."""
-
-    def model(terms, problem):
-        return SimpleNamespace(terms=tuple(terms), problem=problem)
-
-    def accepted(*left, patterns=(1,), opposed=False, named="", own=0.9):
-        def compared(before, after):
-            here, one = [np.array([left[len(linear.terms)]]) for linear in (before, after)], np.zeros(1, dtype=np.int64)
-            return Losses(here[0], here[1], np.ones(1, dtype=bool), one, 1.0)
-
-        monkeypatch.setattr(select, "cross_validated", compared)
-        monkeypatch.setattr(select, "refit", lambda linear, terms: model(terms, linear.problem))
-        monkeypatch.setattr(select, "noise_power", lambda *_: 0.0)
-        monkeypatch.setattr(select, "cancels", lambda *_: opposed)
-        monkeypatch.setattr(select, "own_share", lambda *_: own)
-        names = [SimpleNamespace(effect=SimpleNamespace(id=f"{named}{i}")) for i in range(len(left) - 1)]
-        problem = SimpleNamespace(seeming=Seeming(), patterns=patterns, catalogue=(None,) * 20)
-        newest = Candidate(TERM, 20.0, 1.0, 1.0, np.zeros(1), 1.0, False, 1.0)
-        return select._predicts_better(model(names[:-1], problem), model(names, problem), newest)
-
-    return accepted
-
-
-def test_where_healthy_drives_tell_a_thousandth_of_what_is_left_matters(better):
-    """A reading 1.7 g/s too high was `unexplained`: noise of all balances is most of what is left."""
-    assert better(3000.0, 2995.0)
-    assert not better(3000.0, 2998.0)
-    assert not better(3000.0, 2960.0, patterns=())
-
-
-def test_what_a_cause_leaves_that_is_not_quite_the_catalogue_s_is_no_second_cause(better):
-    """A contamination by another law was an inlet leak with an offset beside it."""
-    assert better(3000.0, 1000.0, 900.0)
-    assert better(3000.0, 1000.0, 900.0, own=0.4)  # 40 P(chi2 > 16) = 0.003
-    assert not better(3000.0, 1000.0, 900.0, own=0.2)  # with another shape, the first explains most of it
-    assert not better(3000.0, 1000.0, 999.5)
-
-
-@pytest.mark.parametrize("named", ["channel:", "form:"])
-def test_beside_what_no_cause_has_listed_a_second_one_needs_more(better, named):
-    """A right `channel:humidity` had a drift of the sensor beside it, a right `channel:T_coolant` a gain."""
-    assert not better(3000.0, 1000.0, 850.0, named=named)
-    assert better(3000.0, 1000.0, 700.0, named=named)
-
-
-def test_two_effects_that_are_nearly_opposite_do_not_explain_each_other(better):
-    """An inlet leak at the end of its range stood beside a reading a quarter too high."""
-    assert not better(3000.0, 1000.0, 500.0, opposed=True)
 
 
 def judged(gain, told, degrees=np.inf, candidates=20, blocks=1, begin=-np.inf):
@@ -221,20 +166,3 @@ def test_an_effect_is_judged_by_the_weights_beside_it_before_it_is_given_up(monk
     search = select._search(problem, lambda _: None, lambda work, *on: work(*on))
     assert tried == [strong]
     assert search.ranking == (strong,)  # the probability of nothing is that of the candidate as it was judged
-
-
-@pytest.mark.parametrize(
-    ("place", "begin", "kept"),
-    [("sensor", 103.0, [0]), ("sensor", 130.0, [0, 1]), ("intake", 103.0, [0, 1]), ("sensor", -np.inf, [0, 1])],
-)
-def test_what_begins_with_a_stronger_effect_at_its_place_is_part_of_it(place, begin, kept):
-    terms = [
-        SimpleNamespace(effect=SimpleNamespace(place="sensor"), begin=100.0),
-        SimpleNamespace(effect=SimpleNamespace(place=place), begin=begin),
-    ]
-    assert [i for i in (0, 1) if not select._is_part(i, [400.0, 60.0], terms)] == kept
-
-
-def test_two_effects_of_the_whole_drive_are_two():
-    terms = [SimpleNamespace(effect=SimpleNamespace(place="sensor"), begin=-np.inf) for _ in range(2)]
-    assert not any(select._is_part(i, [400.0, 60.0], terms) for i in (0, 1))

@@ -1,0 +1,146 @@
+"""Whether an effect beside others is a cause of its own, or only what they leave: the catalogue has not quite their shape."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from lpvobs.discovery import thresholds
+from lpvobs.discovery.evidence import Candidate, in_place
+from lpvobs.discovery.fit import fit, refit, without
+from lpvobs.discovery.forms import PREFIX
+from lpvobs.discovery.held_out import cross_validated, noise_power
+from lpvobs.discovery.linear import Linear, cancels, changed_by
+from lpvobs.discovery.ranking import is_significant, is_uneven
+from lpvobs.discovery.residual import Problem, Term
+from lpvobs.records import Array
+
+
+def predicts_better(before: Linear, after: Linear, newest: Candidate) -> bool:
+    """Return whether the newest effect explains enough of what is above noise in blocks that it was not fitted to.
+
+    Where healthy drives tell, noise is not taken off, and the newest effect must be more than what the others leave because the
+    catalogue has not quite their shape.
+    """
+    losses = cross_validated(refit(after, before.terms), after)
+    gained = float((losses.before - losses.after).sum())
+    if not len(after.problem.patterns):
+        above = float(losses.before.sum()) - noise_power(after, losses.counted)
+        return bool(gained > thresholds.MATTERS * max(above, 0.0))
+    matters = thresholds.MATTERS_LEARNED * float(losses.before.sum())
+    return gained > matters and (not before.terms or _is_of_its_own(after, newest, gained))
+
+
+def _is_of_its_own(linear: Linear, newest: Candidate, gained: float) -> bool:
+    """Return whether the newest effect is more than what the others leave; it gains so much in blocks not fitted to.
+
+    It is where what is left of its gain beside others of another shape is proven, too.
+    """
+    *others, last = range(len(linear.terms))
+    if any(cancels(linear, i, last) for i in others):
+        return False
+    if any(linear.terms[i].effect.id.startswith(("channel:", PREFIX)) for i in others):
+        # a channel or a formula has the shape that came first, no cause's own
+        nothing = cross_validated(refit(linear, ()), linear)
+        return gained > thresholds.SHAPE**2 * (float((nothing.before - nothing.after).sum()) - gained)
+    return is_significant(replace(newest, gain=own_share(linear, last) * newest.gain), linear.problem)
+
+
+def own_share(linear: Linear, index: int) -> float:
+    """Return the share of a term's gain that is left where every other term may have another shape.
+
+    What another term changes may be off, in all balances alike, by a share of `SHAPE` rms that is smooth in the channels.
+    """
+    smooth, others = _bends(linear.problem), [i for i in range(len(linear.terms)) if i != index]
+    changes = [changed_by(linear, i) for i in others]
+    bent = [linear.whiten(change * each) for change in changes for each in smooth]
+    own = linear.whiten(changed_by(linear, index))
+    gradient, information = without(linear, index).beside(np.stack([*bent, own]))
+    known = information[:-1, :-1] + np.eye(len(bent)) * len(smooth) / thresholds.SHAPE**2
+    taken = np.linalg.solve(known, np.stack([gradient[:-1], information[:-1, -1]], axis=1))
+    left, told = np.array([gradient[-1], information[-1, -1]]) - information[-1, :-1] @ taken
+    if not (told > 0.0 and information[-1, -1] > 0.0):
+        return 0.0
+    return float((left**2 / told) / max(gradient[-1] ** 2 / information[-1, -1], 1e-300))
+
+
+def _bends(problem: Problem) -> Array:
+    """Return lines and parabolas over every moving channel and over the time, of unit variance, shape (m, K)."""
+    lines = [x for x in (*problem.inputs().values(), problem.clock) if np.std(x) > thresholds.STANDS * abs(np.mean(x))]
+    scaled = [(x - x.mean()) / x.std() for x in lines]
+    return np.stack([*scaled, *((x**2 - 1.0) / np.std(x**2) for x in scaled)])
+
+
+def is_remainder(candidate: Candidate, accepted: Sequence[Candidate], problem: Problem) -> bool:
+    """Return whether an effect is only what the others leave in fast transients or at their edges.
+
+    Its gain is then small beside theirs, and it has no single size, or it both begins and ends.
+    """
+    most = max((c.gain for c in accepted), default=0.0)
+    little = candidate.gain < min(thresholds.AGAIN * most, thresholds.REST * 0.5 * problem.data)
+    return little and (candidate.changes > 1 or is_uneven(candidate, problem))
+
+
+def pruned(linear: Linear, accepted: Sequence[Candidate]) -> tuple[Sequence[Candidate], Linear]:
+    """Return the effects that are still needed beside the others, and the model with these alone.
+
+    Where healthy drives tell, what begins at the place of a stronger effect in the same moment is that effect, of another shape
+    than the catalogue's. It was in the model until here, so that nothing else took its place.
+    """
+    while accepted:
+        accepted = [in_place(linear, i, c) for i, c in enumerate(accepted)]
+        strong = [wald(c) for c in accepted]
+        learned = len(linear.problem.patterns) > 0
+        parts = [i for i in range(len(strong)) if learned and _is_part(i, strong, linear.terms)]
+        weakest = parts[0] if parts else int(np.argmin(strong))
+        if not parts and strong[weakest] >= thresholds.WEAKEST:
+            break
+        accepted = [item for i, item in enumerate(accepted) if i != weakest]
+        terms = [t for i, t in enumerate(linear.terms) if i != weakest]
+        linear = fit(linear.problem, terms, start=linear)
+    return accepted, linear
+
+
+def _is_part(i: int, strong: Sequence[float], terms: Sequence[Term]) -> bool:
+    """Return whether a term acts at the place of a stronger one from the same moment on."""
+    own = terms[i]
+    alike = [
+        term.effect.place == own.effect.place and abs(term.begin - own.begin) <= thresholds.COARSE for term in terms
+    ]
+    return any(same and further > strong[i] for same, further in zip(alike, strong, strict=True))
+
+
+def wald(candidate: Candidate) -> float:
+    """Return the squared distance of a size from none, over its variance."""
+    away = candidate.term.size - candidate.term.effect.null
+    return float(away**2 * candidate.information / max(candidate.unevenness, 1.0))
+
+
+def same_place_again(candidate: Candidate, accepted: Sequence[Candidate]) -> bool:
+    """Return whether a candidate acts at the place of an accepted effect, but at another time.
+
+    No cause of the catalogue does that. The candidate is the same effect again, or one that ends beside one with an onset or
+    an end. It need not be proven: two episodes and the pause between them have no single size. The same effect at the same time is
+    what its shape leaves.
+    """
+    stops = candidate.changes > 0 and bool(np.isfinite(candidate.term.end))
+    for c in accepted:
+        if c.id == candidate.id and _same_time(c.term, candidate.term):
+            continue
+        again = candidate.gain > thresholds.AGAIN * c.gain
+        beside = stops and c.changes > 0 and c.term.effect.place == candidate.term.effect.place
+        if (again and (beside or c.id == candidate.id)) or (beside and separate_in_time(c.term, candidate.term)):
+            return True
+    return False
+
+
+def _same_time(one: Term, other: Term) -> bool:
+    """Return whether two terms begin and end together, within the error of an onset."""
+    own, theirs = (one.begin, one.end), (other.begin, other.end)
+    return bool(np.allclose(own, theirs, rtol=0.0, atol=thresholds.STRETCH))
+
+
+def separate_in_time(one: Term, other: Term) -> bool:
+    """Return whether two terms of one place act at different times, farther apart than the error of an onset."""
+    apart = one.end + thresholds.STRETCH < other.begin or other.end + thresholds.STRETCH < one.begin
+    return bool(apart and one.effect.place == other.effect.place)
