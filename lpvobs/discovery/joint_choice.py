@@ -18,7 +18,7 @@ from lpvobs.discovery.known_effects import NINETY
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.ranking import chance, is_proven, rank, rank_in
 from lpvobs.discovery.residual import Problem, Term
-from lpvobs.discovery.thresholds import CLOSE, PASSES, SHAPE, SHORTLIST, TIE
+from lpvobs.discovery.thresholds import CLOSE, ONE_SIDED, PASSES, SHAPE, SHORTLIST, TIE
 from lpvobs.engines.effects import Effect
 
 
@@ -113,8 +113,13 @@ def _curve_again(linear: Linear, candidate: Candidate) -> tuple[Candidate, Linea
 
 
 def at_its_end(term: Term) -> bool:
-    """Return whether an effect is as large as it can be: it stands for something else then."""
-    return not term.effect.low < term.size < term.effect.high
+    """Return whether an effect stands for something else: a curve as large as it can be, a lag or a leak far below none.
+
+    Others may well be as large as they are sought: a valve that is stuck shut.
+    """
+    effect, curve = term.effect, isinstance(term.curve, FactorSurface)
+    below = effect.null - effect.low <= ONE_SIDED * (effect.high - effect.null) and term.size <= effect.low
+    return below or (curve and not effect.low < term.size < effect.high)
 
 
 def choose_all_again(linear: Linear, accepted: tuple[Candidate, ...]) -> tuple[Linear, tuple[Candidate, ...]]:

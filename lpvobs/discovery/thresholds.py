@@ -215,6 +215,9 @@ engines of another structure came with p = 1e-123 and one per cent of it; a name
 MATTERS_LEARNED = 0.001
 """[1] The same where healthy drives tell: it is then a share of all that is left, noise included. Set by two readings of the flow
 that are a constant too high, 0.14 and 0.15 % of it, and by two wrong names, less than 0.06 %, on seed 106607 of the second bank."""
+ONE_SIDED = 0.1
+"""[1] Share of its range up to which what lies below none is there for estimates alone: no lag and no leak is negative. Set by
+choice: their ranges reach 1 to 10 % below."""
 MOST_EFFECTS = 4
 """[1] Largest number of effects of one set of logs. Set by time."""
 MOST_STRUCTURE = 0.02

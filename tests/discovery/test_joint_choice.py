@@ -11,6 +11,7 @@ from lpvobs.discovery.courses import TracedCourse
 from lpvobs.discovery.evidence import _told, fit_candidate, in_place
 from lpvobs.discovery.fit import fit, standard_errors
 from lpvobs.discovery.inside import settled, with_inside
+from lpvobs.discovery.joint_choice import at_its_end
 from lpvobs.discovery.known_effects import NINETY
 from lpvobs.discovery.residual import Term
 
@@ -87,3 +88,12 @@ def test_an_effect_that_grows_varies_by_what_it_takes_of_what_healthy_drives_see
         variance = fitted @ (np.eye(K) / precision + size**2 * np.outer(seeming, seeming)) @ fitted
         told = _told(SimpleNamespace(problem=problem), term, alone, 1.0)
         assert told == pytest.approx(1.0 / variance / alone, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("id_", "size", "ends"),
+    [("maf.lag", -0.02, True), ("maf.lag", 1.0, False), ("maf.delay", -0.02, True), ("egr.area", 0.2, False)],
+)
+def test_a_lag_below_none_stands_for_something_else_and_a_valve_stuck_shut_for_itself(plant, id_, size, ends):
+    """Beside a delay a lag of -0.02 s was named, which no observer has a state for; `refine` ended with a Python error."""
+    assert at_its_end(Term(plant.effect(id_), size)) == ends
