@@ -145,5 +145,5 @@ def sensor_state(refined: Refined, gain: gains.StoredGain) -> SensorState | None
         return None
     problem = verify.problem_of(refined.air_path, gain.outputs, gain.gain.region)
     ends = [edge for effect in refined.lags for edge in (*effect.ci90, effect.value)]
-    shortest = min(edge for edge in ends if edge > 0.0)
-    return with_sensor_state(problem, gain.gain, (shortest, max(ends)), refined.correction())
+    longer = [edge for edge in ends if edge > 0.0]
+    return with_sensor_state(problem, gain.gain, (min(longer), max(longer)), refined.correction()) if longer else None

@@ -34,7 +34,7 @@ def predicts_better(before: Linear, after: Linear, newest: Candidate) -> bool:
 def _is_of_its_own(linear: Linear, newest: Candidate, gained: float) -> bool:
     """Return whether the newest effect is more than what the others leave; it gains so much in blocks not fitted to.
 
-    It is where what is left of its gain beside others of another shape is proven, too.
+    It is where it keeps some of its gain beside others of another shape, and that is proven, too.
     """
     *others, last = range(len(linear.terms))
     if any(cancels(linear, i, last) for i in others):
@@ -43,7 +43,8 @@ def _is_of_its_own(linear: Linear, newest: Candidate, gained: float) -> bool:
         # a channel or a formula has the shape that came first, no cause's own
         nothing = cross_validated(refit(linear, ()), linear)
         return gained > thresholds.SHAPE**2 * (float((nothing.before - nothing.after).sum()) - gained)
-    return is_significant(replace(newest, gain=own_share(linear, last) * newest.gain), linear.problem)
+    share = own_share(linear, last)
+    return share > thresholds.OWN and is_significant(replace(newest, gain=share * newest.gain), linear.problem)
 
 
 def own_share(linear: Linear, index: int) -> float:
@@ -59,9 +60,9 @@ def own_share(linear: Linear, index: int) -> float:
     known = information[:-1, :-1] + np.eye(len(bent)) * len(smooth) / thresholds.SHAPE**2
     taken = np.linalg.solve(known, np.stack([gradient[:-1], information[:-1, -1]], axis=1))
     left, told = np.array([gradient[-1], information[-1, -1]]) - information[-1, :-1] @ taken
-    if not (told > 0.0 and information[-1, -1] > 0.0):
+    if not (told > 0.0 and information[-1, -1] > 0.0 and left * gradient[-1] > 0.0):
         return 0.0
-    return float((left**2 / told) / max(gradient[-1] ** 2 / information[-1, -1], 1e-300))
+    return min(1.0, float((left**2 / told) / (gradient[-1] ** 2 / information[-1, -1])))
 
 
 def _bends(problem: Problem) -> Array:
@@ -116,16 +117,16 @@ def wald(candidate: Candidate) -> float:
     return float(away**2 * candidate.information / max(candidate.unevenness, 1.0))
 
 
-def same_place_again(candidate: Candidate, accepted: Sequence[Candidate]) -> bool:
+def same_place_again(candidate: Candidate, accepted: Sequence[Candidate], problem: Problem) -> bool:
     """Return whether a candidate acts at the place of an accepted effect, but at another time.
 
     No cause of the catalogue does that. The candidate is the same effect again, or one that ends beside one with an onset or
-    an end. It need not be proven: two episodes and the pause between them have no single size. The same effect at the same time is
-    what its shape leaves.
+    an end. It need not be proven: two episodes and the pause between them have no single size. Where healthy drives tell, the same
+    effect at the same time is what its shape leaves.
     """
     stops = candidate.changes > 0 and bool(np.isfinite(candidate.term.end))
     for c in accepted:
-        if c.id == candidate.id and _same_time(c.term, candidate.term):
+        if len(problem.patterns) and c.id == candidate.id and _same_time(c.term, candidate.term):
             continue
         again = candidate.gain > thresholds.AGAIN * c.gain
         beside = stops and c.changes > 0 and c.term.effect.place == candidate.term.effect.place
@@ -135,9 +136,9 @@ def same_place_again(candidate: Candidate, accepted: Sequence[Candidate]) -> boo
 
 
 def _same_time(one: Term, other: Term) -> bool:
-    """Return whether two terms begin and end together, within the error of an onset."""
+    """Return whether two terms have the same course, and begin and end together within the error of an onset."""
     own, theirs = (one.begin, one.end), (other.begin, other.end)
-    return bool(np.allclose(own, theirs, rtol=0.0, atol=thresholds.STRETCH))
+    return one.course == other.course and bool(np.allclose(own, theirs, rtol=0.0, atol=thresholds.STRETCH))
 
 
 def separate_in_time(one: Term, other: Term) -> bool:

@@ -211,7 +211,7 @@ def in_place(linear: Linear, index: int, like: Candidate) -> Candidate:
     left = linear.moved(linear.residual, linear.newton_step)
     scores = linear.products_by_block(left) @ (row / row[at])
     term = linear.terms[index]
-    gain = like.gain if like.gain > 0.0 else 0.5 * information * (term.size - term.effect.null) ** 2
+    gain = like.gain if like.gain != 0.0 else 0.5 * information * (term.size - term.effect.null) ** 2
     return replace(like, gain=gain, **_weighed(linear, term, left, scores, information))
 
 

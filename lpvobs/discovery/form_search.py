@@ -178,8 +178,8 @@ def _plainest(tried: Sequence[_Tried]) -> list[_Tried]:
     """Return forms without those that have all factors of a better one, and more: a product with what hardly moves is no rival."""
     found: list[tuple[set[tuple[str, str]], _Tried]] = []
     for each in _leading(tried, len(tried)):
-        own = {("", each.form.target), *((factor.of, factor.signal) for factor in each.form.factors)}
-        if not any(better < own for better, _ in found):
+        own = {(factor.of, factor.signal) for factor in each.form.factors[each.form.relative :]}
+        if not any(better and better < own and each.form.target == other.form.target for better, other in found):
             found.append((own, each))
     return [each for _, each in found]
 

@@ -28,7 +28,8 @@ def is_uneven(candidate: Candidate, problem: Problem) -> bool:
     Where healthy drives tell, the engine is not the model, and a cause is not quite the catalogue's.
     """
     more = 0.5 * (candidate.unevenness - 1.0) * problem.coarse_blocks
-    return more > (thresholds.SHAPE if len(problem.patterns) else thresholds.MOST_UNEVEN) * candidate.gain
+    most = thresholds.MOST_UNEVEN_LEARNED if len(problem.patterns) else thresholds.MOST_UNEVEN
+    return more > most * max(candidate.gain, 0.0)
 
 
 def rank(linear: Linear, effects: Sequence[Effect]) -> list[Candidate]:
@@ -88,7 +89,7 @@ def is_significant(candidate: Candidate, problem: Problem) -> bool:
 def chance(candidate: Candidate, problem: Problem, wider: float = 1.0) -> float:
     """Return the probability of such a gain by chance, after all effects and intervals that were tried (Bonferroni).
 
-    They count twice: structure in time may name something, too.
+    They count twice, for structure in time is a second test of the same residual.
     A curve's coefficients and a formula's search have paid a price, and do not compete; an unusual constant inside pays it here.
     Ends of an interval nearer than `LEAST_LENGTH` have the same data, and count as one. `wider` is the variance of a gain, in that
     of noise. Healthy drives tell how far sizes vary beyond noise: the smaller the part of noise, the nearer is the distribution to

@@ -8,6 +8,7 @@ import pytest
 
 from lpvobs.discovery import companions, ranking
 from lpvobs.discovery.companions import own_share
+from lpvobs.discovery.courses import TracedCourse
 from lpvobs.discovery.evidence import Candidate
 from lpvobs.discovery.fit import fit
 from lpvobs.discovery.held_out import Losses
@@ -117,7 +118,7 @@ def test_two_effects_of_the_whole_drive_are_two():
     assert not any(companions._is_part(i, [400.0, 60.0], terms) for i in (0, 1))
 
 
-def judged_again(id_="maf.delay", begin=190.6, end=np.inf, gain=30.0):
+def judged_again(id_="maf.delay", begin=190.6, end=np.inf, gain=30.0, course=None, patterns=(1,)):
     """Return whether a candidate is the same place again beside a delay from 190 s on."""
 
     def candidate(name, first, last, own):
@@ -125,7 +126,9 @@ def judged_again(id_="maf.delay", begin=190.6, end=np.inf, gain=30.0):
         return Candidate(term, own, 1.0, 1.0, np.zeros(9), 1.0, False, 1.0)
 
     accepted = [candidate("maf.delay", 190.0, np.inf, 200.0)]
-    return companions.same_place_again(candidate(id_, begin, end, gain), accepted)
+    again, problem = candidate(id_, begin, end, gain), SimpleNamespace(patterns=patterns)
+    again.term.course = course
+    return companions.same_place_again(again, accepted, problem)
 
 
 def test_the_same_effect_at_another_time_comes_and_goes_and_at_the_same_time_is_what_its_shape_leaves():
@@ -133,14 +136,17 @@ def test_the_same_effect_at_another_time_comes_and_goes_and_at_the_same_time_is_
     assert judged_again(begin=300.0)
     assert judged_again(end=300.0)
     assert judged_again("maf.gain", end=300.0)
+    assert judged_again(course=TracedCourse("ramp"))
+    assert judged_again(patterns=())  # where the engine is the model, a cause has the catalogue's shape
     assert not judged_again()
     assert not judged_again(begin=300.0, gain=5.0)
 
 
 @pytest.mark.parametrize(("patterns", "uneven"), [((), True), ((1,), False)])
-def test_a_size_may_be_as_uneven_as_a_cause_s_shape_is_off(patterns, uneven):
+def test_a_size_may_be_more_uneven_where_a_cause_is_not_the_catalogue_s(patterns, uneven):
     """A backflow by another law was `unexplained`: sizes of its own for every block gained 30 % more."""
     backflow = Candidate(TERM, 100.0, 1.0, 2.2, np.zeros(9), 1.0, False, 1.0)
     problem = SimpleNamespace(patterns=patterns, coarse_blocks=50)
     assert ranking.is_uneven(backflow, problem) == uneven
     assert ranking.is_uneven(replace(backflow, unevenness=3.0), problem)
+    assert not ranking.is_uneven(replace(backflow, gain=-5.0, unevenness=1.0), problem)

@@ -149,3 +149,9 @@ def test_a_product_with_what_hardly_moves_is_no_rival_of_the_plainer_form():
     )  # fmt: skip
     assert form_search._plainest([worse, other, plain]) == [plain, other]
     assert form_search._plainest([plain, better]) == [better, plain]
+    share, constant = tried(49.0, "W_maf", "p_im"), tried(70.0)
+    assert form_search._plainest([plain, share, constant]) == [
+        constant,
+        plain,
+        share,
+    ]  # of the reading, or for all of it

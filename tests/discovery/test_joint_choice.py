@@ -92,8 +92,14 @@ def test_an_effect_that_grows_varies_by_what_it_takes_of_what_healthy_drives_see
 
 @pytest.mark.parametrize(
     ("id_", "size", "ends"),
-    [("maf.lag", -0.02, True), ("maf.lag", 1.0, False), ("maf.delay", -0.1, True), ("egr.area", 0.2, False)],
+    [
+        ("maf.lag", -0.01, True),
+        ("maf.lag", 1.0, False),
+        ("leak.intake", -1e-6, True),
+        ("maf.offset", -1e-3, False),
+        ("egr.area", 0.2, False),
+    ],
 )
 def test_a_lag_below_none_stands_for_something_else_and_a_valve_stuck_shut_for_itself(plant, id_, size, ends):
-    """Beside a delay a lag of -0.02 s was named, which no observer has a state for; `refine` ended with a Python error."""
+    """Beside a delay a negative lag was named, which no observer has a state for; `refine` ended with a Python error."""
     assert at_its_end(Term(plant.effect(id_), size)) == ends
