@@ -65,6 +65,11 @@ class Seen:
         return any(_may_be(effect, id_) for effect in self.named)
 
     @property
+    def finds_first(self) -> bool:
+        """Whether the first of its effects is named."""
+        return self.finds(self.truth["effects"][0]["id"])
+
+    @property
     def only_right(self) -> bool:
         """Whether every true effect is found and nothing beside them."""
         truths = [each["id"] for each in self.truth["effects"]]
@@ -198,11 +203,11 @@ def rows(seen: Sequence[Seen]) -> list[Row]:
         Row(
             "single effect, true change above 1 %: named right, nothing beside it", [s.only_right for s in large], 0.85
         ),
-        Row("- named right, whatever stands beside it", [s.finds(s.truth["effects"][0]["id"]) for s in large], 0.85),
+        Row("- named right, whatever stands beside it", [s.finds_first for s in large], 0.85),
         Row("- small ones, below 1 %: the same", [s.only_right for s in small], 0.0),
         Row(
             "- small ones: a wrong name",
-            [bool(s.named) and not s.finds(s.truth["effects"][0]["id"]) for s in small],
+            [bool(s.named) and not s.finds_first for s in small],
             0.0,
             0.03,
         ),
@@ -215,7 +220,7 @@ def rows(seen: Sequence[Seen]) -> list[Row]:
         Row("size inside its 90 % interval", sized, 0.85, 0.95),
         Row("pairs: both found", [all(s.finds(e["id"]) for e in s.truth["effects"]) for s in of["pair"]], 0.80),
         *(
-            Row(f"component curves, true change {where} 1 %: named", [_curve_named(s) for s in curves], wanted)
+            Row(f"component curves, true change {where} 1 %: named", [s.finds_first for s in curves], wanted)
             for where, curves, wanted in (
                 ("above", [s for s in of["curve"] if s.truth["change"] >= SMALL], 0.90),
                 ("below", [s for s in of["curve"] if s.truth["change"] < SMALL], 0.0),
@@ -236,10 +241,6 @@ def rows(seen: Sequence[Seen]) -> list[Row]:
         Row("at most 15 s of CPU for 15 minutes of driving", [seconds <= 15.0 for seconds in pace], 1.0),
         Row("judged at all", [s.verdict["verdict"] != "refused" for s in seen], 1.0),
     ]
-
-
-def _curve_named(seen: Seen) -> bool:
-    return seen.finds(seen.truth["effects"][0]["id"])
 
 
 def paces(seen: Sequence[Seen]) -> list[float]:

@@ -1,5 +1,6 @@
 """`refine`: the model of a result with the effects that the logs prove."""
 
+import math
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +17,7 @@ from lpvobs.io.results.provenance import Provenance
 from lpvobs.io.safety.atomic import replacing
 from lpvobs.observer.estimate import MapEstimate, Point, of_parts
 from lpvobs.observer.parts import inform_observed
+from lpvobs.report import spoken
 from lpvobs.synthesis.sensor_state import SensorState, with_sensor_state
 
 
@@ -92,10 +94,12 @@ def _write_anew(out: Path, closed: trace.Closed) -> None:
         results.summary_of(run, metrics_of(air_path, estimate, file, log))
         for (file, log), run in zip(closed.used.items(), estimate.runs, strict=True)
     )
-    proven = sensor_state(refined, stored.gain)
+    proven, on = sensor_state(refined, stored.gain), estimate.supported.ravel()
+    says = spoken.headline(estimate, air_path.axes, (on / on.sum(), 0.0), math.nan)  # every node counts alike
     provenance = Provenance({path.name: log.sha256 for path, log in closed.used.items()}, stored.provenance.config)
 
     def further(file: h5py.File) -> None:
+        file.attrs["headline"] = says
         closed.write(file, effects)
         closed.engine.write(file)
         if proven is not None:

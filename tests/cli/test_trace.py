@@ -1,6 +1,7 @@
 """The closed loop from the command line: a slow sensor that nobody declared, and a log in order."""
 
 from contextlib import nullcontext
+from html import unescape
 from types import SimpleNamespace
 
 import h5py
@@ -62,6 +63,27 @@ def test_the_map_of_its_own_log_is_estimated_anew_by_the_observer(lpvobs, config
         assert refined < 0.3 * unrefined
         assert file["logs/leaky/share_certified"][()] > 0.99
         assert "observer" not in file["refinement"]  # a leak is a known input, gain and proof stay
+
+
+@pytest.mark.slow
+def test_a_map_that_is_made_anew_has_its_sentence_on_the_page(lpvobs, config, chain, tmp_path):
+    """A page with such a map ended in a Python error: the sentence was made there, for this map alone."""
+    faulty, own, out, page = (tmp_path / name for name in ("faulty.parquet", "own.h5", "refined.h5", "page.html"))
+    table = pq.read_table(chain.log)
+    reading, place = table["W_maf"].to_numpy().copy(), table.schema.get_field_index("W_maf")
+    reading[reading.size // 2 :] *= 0.85
+    pq.write_table(table.set_column(place, table.schema.field(place), [reading]), faulty)
+    assert lpvobs("estimate", "--config", config, "--gain", chain.gain, faulty, "--out", own).code == 0
+    done = lpvobs("refine", own, faulty, "--out", out, "--json")
+    assert done.code == 0, done.err
+    assert done.json["effects"]
+    assert not done.json["map_frozen"]
+    with h5py.File(out) as file:
+        said = file.attrs["headline"]
+    assert said.startswith("the sensor reads ")
+    done = lpvobs("report", out, "--html", page)
+    assert done.code == 0, done.err
+    assert said in unescape(page.read_text(encoding="utf-8"))
 
 
 @pytest.mark.slow
