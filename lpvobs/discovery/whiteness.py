@@ -155,19 +155,25 @@ def correlations(residual: Array, first: NDArray[np.int64], signals: Mapping[str
     Lags go from -LAGS to LAGS. At a positive lag the residual comes after the signal.
     """
     sums, counts = block_sums(residual, first), np.diff(np.append(first, residual.shape[1]))
-    means, lags = [np.add.reduceat(values, first) / counts for values in signals.values()], range(-LAGS, LAGS + 1)
-    found = [[[correlation(row, mean, lag) for lag in lags] for row in sums] for mean in means]
-    return np.reshape(found, (len(means), len(sums), len(lags), 2))
+    means = (
+        np.add.reduceat(np.reshape(list(signals.values()), (len(signals), residual.shape[1])), first, axis=1) / counts
+    )
+    return np.stack([correlation(sums, means, lag) for lag in range(-LAGS, LAGS + 1)], axis=2)
 
 
-def correlation(x: Array, y: Array, lag: int) -> tuple[float, float]:
-    """Return the correlation of x with y `lag` blocks earlier, and its standard deviation for noise of x's own variance."""
-    if x.size <= abs(lag) + 2:
-        return 0.0, 0.0
-    a, b = (x[lag:], y[: y.size - lag]) if lag >= 0 else (x[:lag], y[-lag:])
-    a, b = a - a.mean(), b - b.mean()
-    size = float(np.sqrt((a @ a) * (b @ b)))
-    return (float(a @ b) / size, float(np.sqrt((a**2) @ (b**2))) / size) if size > 0.0 else (0.0, 0.0)
+def correlation(x: Array, y: Array, lag: int) -> Array:
+    """Return the correlation of B rows x with S rows y `lag` columns earlier, and its deviation for noise of x's own variance.
+
+    Its shape is (S, B, 2).
+    """
+    n = x.shape[1] - abs(lag)
+    if n <= 2:
+        return np.zeros((len(y), len(x), 2))
+    a, b = (x[:, lag:], y[:, :n]) if lag >= 0 else (x[:, :n], y[:, -lag:])
+    a, b = (row - row.mean(1, keepdims=True) for row in (a, b))
+    size = np.sqrt(np.outer((b**2).sum(1), (a**2).sum(1)))
+    pair = np.stack([b @ a.T, np.sqrt(b**2 @ (a**2).T)], axis=-1)
+    return np.asarray(np.divide(pair, size[..., None], out=np.zeros_like(pair), where=size[..., None] > 0.0))
 
 
 def times_noise(tests: int) -> float:

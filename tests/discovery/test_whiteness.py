@@ -41,10 +41,15 @@ def test_lag_has_a_sign():
     rng = np.random.default_rng(5)
     y = rng.standard_normal(400)
     x = np.roll(y, 4)  # x follows y by four
-    found, noise = correlation(x, y, 4)
+    rows, columns = np.stack([x, y]), np.stack([y, rng.standard_normal(400), x])
+    pairs = {lag: correlation(rows, columns, lag) for lag in (4, -4)}
+    found, noise = pairs[4][0, 0]
     assert found > max(0.9, 3.0 * noise)
-    found, noise = correlation(x, y, -4)
+    found, noise = pairs[-4][0, 0]
     assert abs(found) < 3.0 * noise
+    found, noise = pairs[-4][2, 1]  # y comes before x
+    assert found > max(0.9, 3.0 * noise)
+    assert correlation(rows, columns, 399).tolist() == np.zeros((3, 2, 2)).tolist()  # nothing is left to correlate
 
 
 def test_a_single_line_is_far_from_the_straight_one():
