@@ -8,7 +8,7 @@ import scipy.stats
 
 from lpvobs.discovery.fit import between_windows, fit, pins, spread_of_sums, standard_errors, widened
 from lpvobs.discovery.linear import Term
-from lpvobs.discovery.thresholds import RESPONSE, SHAPE
+from lpvobs.discovery.thresholds import RESPONSE
 
 
 def test_the_spread_of_sums_is_the_variance_of_what_is_independent():
@@ -42,10 +42,11 @@ def test_the_choice_of_window_is_part_of_it(stepped):
 
 
 @pytest.mark.parametrize(
-    ("told", "usual_share"), [("by its logs", RESPONSE), ("by healthy drives", SHAPE**2), ("not", 0.0)]
+    ("told", "added"),
+    [("by its logs", np.sqrt(0.25**2 - RESPONSE**2)), ("by healthy drives", 0.25), ("not", 0.0)],
 )
 def test_a_response_that_nothing_shows_is_part_of_it_where_the_engine_is_not_its_model(
-    stepped, monkeypatch, told, usual_share
+    stepped, monkeypatch, told, added
 ):
     (term,), problem = stepped.terms, stepped.problem
     if told == "by its logs":
@@ -58,8 +59,8 @@ def test_a_response_that_nothing_shows_is_part_of_it_where_the_engine_is_not_its
         float(standard_errors(replace(stepped, problem=problem, terms=(each,)))[0])
         for each in (term, replace(term, effect=replace(term.effect, unlearned=0.25)))
     )
-    added = (term.size - 1.0) * np.sqrt(0.25**2 - usual_share**2) if usual_share else 0.0
-    assert np.sqrt(unknown**2 - known**2) == pytest.approx(added, rel=0.05)  # the quantile differs a little
+    # the quantile differs a little
+    assert np.sqrt(unknown**2 - known**2) == pytest.approx(added * (term.size - 1.0), rel=0.05)
 
 
 def test_a_pinned_constant_is_not_a_known_one(stepped):

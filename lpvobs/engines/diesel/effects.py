@@ -199,15 +199,15 @@ def pulsating(s: Signals | Mapping[str, Array], x: float) -> Array:
 _SHARED = on_the_intake(lambda found, s: imbalances(found, s)[1])
 CATALOGUE = (
     *(_SHARED[f"maf.{name}"] for name in ("delay", "lag", "offset", "gain", "drift", "temperature")),
-    Effect("maf.backflow", "coefficient", "1", 0.0, 0.05, -0.5, 2.0, "sensor", reading(pulsating), STEADY, True),
+    Effect(
+        "maf.backflow", "coefficient", "1", 0.0, 0.05, -0.5, 2.0, "sensor", reading(pulsating), STEADY, True,
+        unlearned=0.1,
+    ),
     *(_SHARED[name] for name in ("maf.contamination", "leak.inlet", "u_delta.gain", "p_im.offset", "p_im.gain")),
     Effect("p_em.gain", "factor", "1", 1.0, 0.01, 0.7, 1.3, "p_em", gain("p_em"), EGR),
     Effect("omega_t.gain", "factor", "1", 1.0, 0.005, 0.8, 1.2, "omega_t", gain("omega_t"), BOOST),
     *(_SHARED[name] for name in ("T_im.lag", "leak.intake", "egr.leak", "egr.area", "eta_vol.factor")),
-    Effect(
-        "compressor.flow", "factor", "1", 1.0, 0.03, 0.6, 1.3, "compressor", lacking(LACKS, "compressor"), BOOST,
-        unlearned=0.2,
-    ),
+    Effect("compressor.flow", "factor", "1", 1.0, 0.03, 0.6, 1.3, "compressor", lacking(LACKS, "compressor"), BOOST),
     Effect("turbine.efficiency", "factor", "1", 1.0, 0.03, 0.5, 1.5, "turbine", lacking(LACKS, "turbine"), BOOST),
     Effect(
         "exhaust.restriction", "factor", "1", 1.0, 0.5, 0.3, 10.0, "exhaust", lacking(LACKS, "exhaust"), BOOST,
