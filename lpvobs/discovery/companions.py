@@ -9,7 +9,7 @@ from lpvobs.discovery import thresholds
 from lpvobs.discovery.evidence import Candidate, in_place
 from lpvobs.discovery.fit import fit, refit, without
 from lpvobs.discovery.forms import PREFIX
-from lpvobs.discovery.held_out import cross_validated, noise_power
+from lpvobs.discovery.held_out import Losses, cross_validated, noise_power
 from lpvobs.discovery.linear import Linear, cancels, changed_by
 from lpvobs.discovery.ranking import is_significant, is_uneven
 from lpvobs.discovery.residual import Problem, Term
@@ -19,16 +19,26 @@ from lpvobs.records import Array
 def predicts_better(before: Linear, after: Linear, newest: Candidate) -> bool:
     """Return whether the newest effect explains enough of what is above noise in blocks that it was not fitted to.
 
-    Where healthy drives tell, noise is not taken off, and the newest effect must be more than what the others leave because the
-    catalogue has not quite their shape.
+    Where healthy drives tell, it must explain enough of all, and be more than what the others leave because the catalogue has not
+    quite their shape.
     """
-    losses = cross_validated(refit(after, before.terms), after)
-    gained = float((losses.before - losses.after).sum())
+    gained, losses = _gained(refit(after, before.terms), after)
     if not len(after.problem.patterns):
-        above = float(losses.before.sum()) - noise_power(after, losses.counted)
+        above = float(losses.before.sum()) - float(noise_power(after)[losses.counted].sum())
         return bool(gained > thresholds.MATTERS * max(above, 0.0))
     matters = thresholds.MATTERS_LEARNED * float(losses.before.sum())
     return gained > matters and (not before.terms or _is_of_its_own(after, newest, gained))
+
+
+def _gained(before: Linear, after: Linear) -> tuple[float, Losses]:
+    """Return by how much the squares fall in blocks not fitted to, and the losses that tell.
+
+    Noise that an effect adds is taken off: a reading without its lag has more of it. No instant tells more than an outlier does.
+    """
+    losses = cross_validated(before, after)
+    at_each = losses.before - losses.after - noise_power(before) + noise_power(after)
+    most = thresholds.OUTLIER**2
+    return float(np.clip(at_each[losses.counted], -most, most).sum()), losses
 
 
 def _is_of_its_own(linear: Linear, newest: Candidate, gained: float) -> bool:
@@ -41,8 +51,7 @@ def _is_of_its_own(linear: Linear, newest: Candidate, gained: float) -> bool:
         return False
     if any(linear.terms[i].effect.id.startswith(("channel:", PREFIX)) for i in others):
         # a channel or a formula has the shape that came first, no cause's own
-        nothing = cross_validated(refit(linear, ()), linear)
-        return gained > thresholds.SHAPE**2 * (float((nothing.before - nothing.after).sum()) - gained)
+        return gained > thresholds.SHAPE**2 * (_gained(refit(linear, ()), linear)[0] - gained)
     share = own_share(linear, last)
     return share > thresholds.OWN and is_significant(replace(newest, gain=share * newest.gain), linear.problem)
 

@@ -60,9 +60,11 @@ def best_course(linear: Linear, bare: Linear, own: Candidate, rivals: Sequence[E
         found = [fit_course(bare, own.term.effect, course) for course in intervals]
     for effect in _with_courses([own.term.effect, *rivals]):
         found += [fit_course(bare, effect, course) for course in _promising(bare, effect, every, relays)]
-    best = own
-    for each in ([c for c in found if _is_same(c, own)], found):
-        leading = finer(bare, max(each, key=score, default=own))
+    best, same = own, [c for c in found if _is_same(c, own)]
+    for course in sorted((c for c in same if c.in_time), key=lambda c: c.changes):
+        best = course if is_worth(course, best) else best
+    for each in (same, found):
+        leading = finer(bare, max(each, key=score, default=best))
         best = leading if is_worth(leading, best) else best
     if best is not own and best.term.only is not None:
         driven = max(channel_candidates(bare), key=score, default=None)
@@ -77,9 +79,10 @@ def is_worth(course: Candidate, own: Candidate) -> bool:
     Of the same effect, both leave what it is not quite shaped like, which the time does not tell. What follows an input, or is
     another effect, must gain a share of all.
     """
-    if _is_same(course, own) and (course.term.course is None or course.term.course.in_time):
-        return course.gain - own.gain > penalty(course.changes - own.changes, own.loss.size, 0.0)
-    return score(course) > thresholds.ADVANTAGE * max(score(own), 0.0)
+    if not (_is_same(course, own) and course.in_time):
+        return score(course) > thresholds.ADVANTAGE * max(score(own), 0.0)
+    ends, changes = course.ends - own.ends, course.changes - own.changes
+    return course.gain - own.gain > penalty(ends, own.loss.size, 0.0) + thresholds.COST * (changes - ends)
 
 
 def _is_same(one: Candidate, other: Candidate) -> bool:

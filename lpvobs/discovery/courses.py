@@ -37,10 +37,14 @@ class TracedCourse:
     spread: float = 0.0  # of the input, or its state, on the logs that it was found on
 
     @property
+    def ends(self) -> int:
+        """The number of its instants that were sought."""
+        return int(np.isfinite(self.begin)) + int(np.isfinite(self.end)) + 2 * len(self.intervals)
+
+    @property
     def changes(self) -> int:
         """The number of parameters that were sought, the kind of course among them."""
-        ends = int(np.isfinite(self.begin)) + int(np.isfinite(self.end))
-        return {"ramp": 1 + ends, "saturating": 2 + ends, "intermittent": 2 * len(self.intervals)}.get(self.name, 3)
+        return self.ends + {"ramp": 1, "saturating": 2, "intermittent": 0}.get(self.name, 3)
 
     @property
     def in_time(self) -> bool:

@@ -50,11 +50,21 @@ class Candidate:
         return float(np.sqrt(max(self.unevenness, 1.0) / self.information))
 
     @property
+    def ends(self) -> int:
+        """The number of its ends that lie inside the log."""
+        if self.term.course is not None:
+            return self.term.course.ends
+        return int(np.isfinite(self.term.begin)) + int(np.isfinite(self.term.end))
+
+    @property
     def changes(self) -> int:
         """The number of its ends that lie inside the log, or of the parameters of its course."""
-        if self.term.course is not None:
-            return self.term.course.changes
-        return int(np.isfinite(self.term.begin)) + int(np.isfinite(self.term.end))
+        return self.ends if self.term.course is None else self.term.course.changes
+
+    @property
+    def in_time(self) -> bool:
+        """Whether it follows no input."""
+        return self.term.course is None or self.term.course.in_time
 
 
 def loss_of(linear: Linear) -> Array:

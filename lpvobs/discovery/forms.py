@@ -6,7 +6,7 @@ an identifier, and all that is needed to build the form again. Its coefficient i
 """
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -151,6 +151,22 @@ def parsed(id_: str) -> Form:
         reference = float(found["reference"] or 0.0) * (-1.0 if found["sign"] == "+" else 1.0)
         factors.append(Factor(found[of], of, float(found["tau"] or 0.0), reference))
     return Form(target, tuple(factors))
+
+
+def signals_of(id_: str) -> frozenset[str]:
+    """Return what the form of an identifier follows."""
+    form = parsed(id_)
+    return frozenset(factor.signal for factor in form.factors[form.relative :])
+
+
+def plainest(ids: Sequence[str]) -> list[str]:
+    """Return identifiers without forms that follow the same signals as an earlier form, or those of any other and more."""
+    of = [signals_of(id_) if id_.startswith(PREFIX) else None for id_ in ids]
+
+    def is_more(i: int, signals: frozenset[str]) -> bool:
+        return any(each is not None and (each < signals or (each == signals and j < i)) for j, each in enumerate(of))
+
+    return [id_ for i, id_ in enumerate(ids) if (signals := of[i]) is None or not is_more(i, signals)]
 
 
 def along_problem(form: Form, problem: Problem) -> Array:

@@ -92,11 +92,11 @@ def held_out_losses(linear: Linear) -> tuple[Array, NDArray[np.bool_]]:
     return losses, counted & problem.used
 
 
-def noise_power(linear: Linear, on: NDArray[np.bool_]) -> float:
-    """Return what noise alone adds to the squares of the residual at some places; two views show it."""
+def noise_power(linear: Linear) -> Array:
+    """Return what noise alone adds to the squares of the residual at every place, shape (K,); two views show it."""
     if linear.problem.blocks is not None:
-        return float(linear.problem.shown[:, on].sum())
-    return float((linear.residual[1][:, on] ** 2).sum())
+        return np.asarray(linear.problem.shown.sum(0), dtype=float)
+    return np.asarray((linear.residual[1] ** 2).sum(0))
 
 
 def informed(linear: Linear, by: NDArray[np.bool_]) -> NDArray[np.bool_]:

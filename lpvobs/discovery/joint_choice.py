@@ -11,11 +11,21 @@ import numpy as np
 from lpvobs.discovery.course_choice import best_course, finer, fit_course, is_worth, sharpened, timed_again
 from lpvobs.discovery.courses import GRADED, FactorSurface, can_be_graded
 from lpvobs.discovery.curves import curve_in_place_of, onset, surface_again
-from lpvobs.discovery.evidence import Candidate, best_first, fit_candidate, in_place, loss_of, score, with_best_interval
+from lpvobs.discovery.evidence import (
+    Candidate,
+    best_first,
+    fit_candidate,
+    in_place,
+    loss_of,
+    score,
+    slope_of,
+    with_best_interval,
+)
 from lpvobs.discovery.fit import fit, objective, refit, with_term, without
+from lpvobs.discovery.forms import plainest, signals_of
 from lpvobs.discovery.inside import Number, with_inside
 from lpvobs.discovery.known_effects import NINETY
-from lpvobs.discovery.linear import Linear
+from lpvobs.discovery.linear import Linear, changed_by, dot
 from lpvobs.discovery.ranking import chance, is_proven, rank, rank_in
 from lpvobs.discovery.residual import Problem, Term
 from lpvobs.discovery.thresholds import CLOSE, ONE_SIDED, PASSES, SHAPE, SHORTLIST, TIE
@@ -140,8 +150,9 @@ def _joint_best(linear: Linear, newest: Candidate, ranked: Sequence[Candidate]) 
     others = linear.terms[:-1]
     newest = replace(newest, term=linear.terms[-1])
     close: dict[tuple[Effect, bool, bool], Candidate] = {}
-    for candidate in [newest, *ranked]:
-        if candidate is newest or score(candidate) > CLOSE * score(ranked[0]):
+    tried = [newest, *_in_its_place(linear, len(others), newest)]
+    for candidate in [*tried, *ranked]:
+        if candidate in tried or score(candidate) > CLOSE * score(ranked[0]):
             ends = bool(np.isfinite(candidate.term.begin)), bool(np.isfinite(candidate.term.end))
             close.setdefault((candidate.term.effect, *ends), candidate)
     if len(close) == 1:
@@ -153,6 +164,26 @@ def _joint_best(linear: Linear, newest: Candidate, ranked: Sequence[Candidate]) 
         if (found := _jointly(linear, others, candidate, bare))
     ]
     return max(joint, key=lambda each: each[0], default=(0.0, newest))[1]
+
+
+def _in_its_place(linear: Linear, index: int, own: Candidate) -> list[Candidate]:
+    """Return the other effects at the place of one of a model, each of the size that changes the residual most nearly as it does.
+
+    The residual is linear in what the sensor reads. In a large effect elsewhere it is not, and a search from none may end early.
+    """
+    term, problem = linear.terms[index], linear.problem
+    if term.effect.place == "sensor" or term.course is not None or term.curve is not None:
+        return []
+    bare, changed, found = without(linear, index), linear.whiten(changed_by(linear, index)), []
+    on = term.acts(problem.clock)
+    for effect in _others(linear):
+        if effect.place == term.effect.place and not (term.whole and problem.absorbs(effect)):
+            slope = linear.whiten(slope_of(bare, effect, effect.null) * on)
+            size = effect.null + dot(slope, changed) / max(dot(slope, slope), 1e-300)
+            found.append(
+                replace(own, term=replace(term, effect=effect, size=float(np.clip(size, effect.low, effect.high))))
+            )
+    return found
 
 
 def _is_better(linear: Linear, bare: Linear, other: Candidate, own: Candidate) -> bool:
@@ -192,18 +223,18 @@ def finished(
     own = replace(in_place(linear, index, candidate), gain=float((loss_of(bare) - loss_of(linear)).sum()))
     like = _as_fitted(linear, bare, own)
     others = [e for e in problem.catalogue if e.id != own.id and (own.changes or not problem.absorbs(e))]
-    own_form = term.effect.place, term.effect.drive  # the drive that would tell names the signals of a formula
-    others += [e for e in forms if term.effect in forms and (e.place, e.drive) != own_form]
+    others += [e for e in forms if term.effect in forms and signals_of(e.id) != signals_of(own.id)]
     if term.course is not None:
         able = [e for e in others if term.course.name not in GRADED or can_be_graded(e)]
         rivals = best_first(fit_course(bare, e, term.course) for e in able)
     else:
         rivals = rank_in(bare, others, term.begin, term.end)
     beside = []
-    for rival in rivals[:SHORTLIST]:  # in place of the effect, all unknowns fitted with it
+    for rival in (*rivals[:SHORTLIST], *_in_its_place(linear, index, own)):  # all unknowns fitted with it
         there = with_term(linear, index, rival.term)
         beside.append(_as_fitted(there, bare, rival))
-    indistinguishable = tuple(c.id for c in beside if fits_as_well(like, c, problem))
+    alike = dict.fromkeys([own.id, *(c.id for c in beside if fits_as_well(like, c, problem))])
+    indistinguishable = tuple(id_ for id_ in plainest(list(alike)) if id_ != own.id)
     share = own.gain / max(float(loss_of(bare).sum()), own.gain, 1e-300)
     return Accepted(own, chance(own, problem), share, indistinguishable, *error_of(linear, index, standard_error))
 

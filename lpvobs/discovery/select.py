@@ -185,7 +185,9 @@ def _search(
     uneven = any(is_uneven(c, problem) for c in needed)
     goes = any(t.course is None and comes_and_goes(linear, i) for i, t in enumerate(linear.terms))
     apart = any(separate_in_time(a.term, b.term) for a, b in combinations(needed, 2))
-    varies = structure(linear) >= thresholds.MOST_STRUCTURE * 0.5 * problem.data
+    learned = needed and len(problem.patterns) > 0  # names then have not quite the shape of a cause
+    shaped = objective(_bare(linear)) - objective(linear) if learned else 0.0
+    varies = structure(linear) >= thresholds.MOST_STRUCTURE * (0.5 * problem.data + shaped)
     if uneven or goes or apart or varies:
         return _Search("unexplained", [], before, before, ranking, needed)
     return _Search("effect" if needed else "none", needed, linear, before, ranking)

@@ -6,13 +6,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from lpvobs.discovery.course_choice import _is_same, is_worth, on_courses
+from lpvobs.discovery import course_choice
+from lpvobs.discovery.course_choice import Bank, _is_same, is_worth, on_courses
 from lpvobs.discovery.courses import TracedCourse, relay, state
-from lpvobs.discovery.evidence import fit_candidate
+from lpvobs.discovery.evidence import Candidate, fit_candidate
 from lpvobs.discovery.fit import fit
 from lpvobs.discovery.known_effects import effect_along, term_on
 from lpvobs.discovery.refine import refine
-from lpvobs.discovery.residual import free_map
+from lpvobs.discovery.residual import Term, free_map
 from lpvobs.report.spoken import in_words
 from lpvobs.simulation.effects import effect_of
 
@@ -95,26 +96,49 @@ def test_a_pressure_that_reads_wrong_between_two_speeds_is_found_before_anything
 
 
 @pytest.mark.parametrize(
-    ("name", "kind", "gained", "worth"),
+    ("name", "course", "gained", "worth"),
     [
-        ("maf.gain", "ramp", 1035.0, True),
-        ("maf.gain", "ramp", 1025.0, False),
-        ("maf.gain", "hysteresis", 1060.0, False),
-        ("maf.lag", "ramp", 1060.0, False),
-        ("maf.lag", "ramp", 1200.0, True),
+        ("maf.gain", TracedCourse("ramp", begin=50.0), 1009.0, True),
+        ("maf.gain", TracedCourse("ramp", begin=50.0), 1007.0, False),
+        ("maf.gain", TracedCourse("saturating", begin=50.0), 1017.0, True),
+        ("maf.gain", TracedCourse("saturating", begin=50.0), 1015.0, False),
+        ("maf.gain", TracedCourse("ramp", begin=50.0, end=90.0), 1023.0, True),
+        ("maf.gain", TracedCourse("ramp", begin=50.0, end=90.0), 1021.0, False),
+        ("maf.gain", TracedCourse("hysteresis", input="n_e"), 1080.0, False),
+        ("maf.lag", TracedCourse("ramp", begin=50.0), 1060.0, False),
+        ("maf.lag", TracedCourse("ramp", begin=50.0), 1200.0, True),
     ],
 )
-def test_a_course_over_time_must_gain_what_its_search_costs_and_others_a_share_of_all(name, kind, gained, worth):
-    """A gain that begins has 1000; two more parameters on 100 stretches cost 2 * 3 ln 100 = 27.6."""
+def test_a_course_over_time_must_gain_what_its_search_costs_and_others_a_share_of_all(name, course, gained, worth):
+    """A gain that begins has 1000; on 100 stretches another end costs 3 ln 100 = 13.8, the kind and a time constant 8 each."""
+    own = SimpleNamespace(id="maf.gain", gain=1000.0, ends=1, changes=1, in_time=True)
+    found = SimpleNamespace(id=name, gain=gained, ends=course.ends, changes=course.changes, in_time=course.in_time)
+    same_logs = {"loss": np.zeros(100), "from_start": False, "price": 0.0}
+    assert is_worth(*(SimpleNamespace(**vars(each), **same_logs) for each in (found, own))) == worth
 
-    def candidate(id_, gain, course):
-        changes, term = (3, 1)[course is None], SimpleNamespace(course=course)
-        return SimpleNamespace(
-            id=id_, gain=gain, changes=changes, loss=np.zeros(100), from_start=False, price=0.0, term=term
-        )
 
-    course = TracedCourse(kind, input="" if kind == "ramp" else "n_e")
-    assert is_worth(candidate(name, gained, course), candidate("maf.gain", 1000.0, None)) == worth
+def test_a_course_over_time_is_found_though_one_that_follows_an_input_seems_to_gain_more(monkeypatch):
+    """A leak that built up was a step: a state of the load gained three more, and too little to be named."""
+
+    def candidate(gain, course=None):
+        term = Term(SimpleNamespace(id="leak.intake", place="intake", unusual=False), 0.0, course=course)
+        return Candidate(term, gain, 1.0, 1.0, np.zeros(100), 1.0, False, 1.0)
+
+    found = {
+        "saturating": candidate(1060.0, TracedCourse("saturating", begin=50.0)),
+        "lagged": candidate(1063.0, TracedCourse("lagged", input="n_e")),
+    }
+    for name in ("_relays", "_in_time", "_lagging"):
+        monkeypatch.setattr(course_choice, name, lambda _: Bank((), np.zeros((0, 1))))
+    monkeypatch.setattr(course_choice, "_comes_and_goes", lambda *_: ())
+    monkeypatch.setattr(course_choice, "finer", lambda _, candidate: candidate)
+    monkeypatch.setattr(course_choice, "_promising", lambda *_: found)
+    monkeypatch.setattr(course_choice, "fit_course", lambda _, __, name: found[name])
+    own = candidate(1000.0)
+    assert (
+        course_choice.best_course(SimpleNamespace(terms=(own.term,)), SimpleNamespace(problem=None), own, [])
+        is found["saturating"]
+    )
 
 
 def test_a_drift_is_a_gain_that_grows():

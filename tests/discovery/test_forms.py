@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from lpvobs.discovery import form_search
 from lpvobs.discovery.fit import fit
-from lpvobs.discovery.forms import Factor, Form, along_log, along_problem, in_words, parsed
+from lpvobs.discovery.forms import Factor, Form, along_log, along_problem, in_words, parsed, plainest
 from lpvobs.discovery.known_effects import term_on
 from lpvobs.discovery.ranking import rank_in
 from lpvobs.discovery.refine import refine
@@ -155,3 +155,17 @@ def test_a_product_with_what_hardly_moves_is_no_rival_of_the_plainer_form():
         plain,
         share,
     ]  # of the reading, or for all of it
+
+
+def test_of_formulas_that_explain_as_much_one_is_listed_for_each_signal():
+    """Three variants of the shaft's speed made a set of five of what two signals may be."""
+    ids = [
+        "form:W_maf ~ W_maf * (p_im - 1.133e+05 Pa)",
+        "form:W_maf ~ W_maf * T_em * (omega_t - 7133 rad/s)",
+        "maf.drift",
+        "form:W_maf ~ W_maf * omega_t * (omega_t - 6527 rad/s)",
+        "form:W_maf ~ W_maf * (omega_t - 6368 rad/s)",
+        "form:W_maf ~ p_im * (p_im - 1.153e+05 Pa)",
+        "form:W_maf ~ W_maf * (W_maf - 0.02615 kg/s)",
+    ]
+    assert plainest(ids) == [ids[0], ids[2], ids[3], ids[6]]

@@ -166,3 +166,27 @@ def test_an_effect_is_judged_by_the_weights_beside_it_before_it_is_given_up(monk
     search = select._search(problem, lambda _: None, lambda work, *on: work(*on))
     assert tried == [strong]
     assert search.ranking == (strong,)  # the probability of nothing is that of the candidate as it was judged
+
+
+@pytest.mark.parametrize(
+    ("left", "learned", "verdict"), [(29.0, True, "effect"), (31.0, True, "unexplained"), (29.0, False, "unexplained")]
+)
+def test_what_a_large_effect_leaves_may_change_more_where_healthy_drives_tell(monkeypatch, left, learned, verdict):
+    """Two per cent of half the data, 500, and of what the names explain, 1000: a pressure lost its name for a thousandth."""
+    linear = SimpleNamespace(terms=())
+    nothing = (SimpleNamespace(id="maf.gain", changes=0),)
+    for name, value in (
+        ("fit", linear),
+        ("best_of", nothing),
+        ("on_courses", ()),
+        ("is_relevant", False),
+        ("is_proven", False),
+        ("is_uneven", False),
+    ):
+        monkeypatch.setattr(select, name, lambda *_, value=value: value)
+    monkeypatch.setattr(select, "structure", lambda _: left)
+    monkeypatch.setattr(select, "_bare", lambda _: None)
+    monkeypatch.setattr(select, "objective", lambda of: 100.0 if of is linear else 1100.0)
+    monkeypatch.setattr(select, "pruned", lambda *_: (nothing, linear))
+    problem = SimpleNamespace(patterns=(1,) if learned else (), data=1000.0)
+    assert select._search(problem, lambda _: None, lambda work, *on: work(*on)).verdict == verdict
