@@ -33,12 +33,12 @@ def predicts_better(before: Linear, after: Linear, newest: Candidate) -> bool:
 def _gained(before: Linear, after: Linear) -> tuple[float, Losses]:
     """Return by how much the squares fall in blocks not fitted to, and the losses that tell.
 
-    Noise that an effect adds is taken off: a reading without its lag has more of it. No instant tells more than an outlier does.
+    Noise that an effect adds is taken off: a reading without its lag has more of it. No instant counts against an effect by more
+    than an outlier does.
     """
     losses = cross_validated(before, after)
     at_each = losses.before - losses.after - noise_power(before) + noise_power(after)
-    most = thresholds.OUTLIER**2
-    return float(np.clip(at_each[losses.counted], -most, most).sum()), losses
+    return float(np.maximum(at_each[losses.counted], -(thresholds.OUTLIER**2)).sum()), losses
 
 
 def _is_of_its_own(linear: Linear, newest: Candidate, gained: float) -> bool:

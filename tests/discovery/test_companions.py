@@ -64,7 +64,6 @@ def better(monkeypatch):
         monkeypatch.setattr(companions, "cross_validated", compared)
         monkeypatch.setattr(companions, "refit", lambda linear, terms: model(terms, linear.problem))
         monkeypatch.setattr(companions, "noise_power", lambda _: np.zeros(1))
-        monkeypatch.setattr(companions.thresholds, "OUTLIER", np.inf)  # one instant stands for all
         monkeypatch.setattr(companions, "cancels", lambda *_: opposed)
         monkeypatch.setattr(companions, "own_share", lambda *_: own)
         names = [SimpleNamespace(effect=SimpleNamespace(id=f"{named}{i}")) for i in range(len(left) - 1)]
@@ -75,15 +74,15 @@ def better(monkeypatch):
     return accepted
 
 
-def test_no_instant_tells_more_than_an_outlier_and_noise_that_an_effect_adds_is_no_loss(monkeypatch):
+def test_no_instant_tells_more_against_than_an_outlier_and_noise_that_an_effect_adds_is_no_loss(monkeypatch):
     """A pressure 20 hPa too high had no name: three instants left 20 000 and more. A slow sensor lost its name by its noise."""
-    left = [np.array(x) for x in ([9.0, 9.0, 9.0, 0.0], [1.0, 1.0, 2e4, 0.0])]
+    left = [np.array(x) for x in ([9.0, 900.0, 9.0, 0.0], [1.0, 1.0, 2e4, 0.0])]
     losses = Losses(*left, np.array([True, True, True, False]), np.zeros(4, dtype=np.int64), 1.0)
     monkeypatch.setattr(companions, "cross_validated", lambda *_: losses)
     monkeypatch.setattr(companions, "noise_power", lambda noise: np.full(4, noise))
     gained, found = companions._gained(1.0, 3.0)
     assert found is losses
-    assert gained == 2 * (9.0 - 1.0 + 3.0 - 1.0) - thresholds.OUTLIER**2
+    assert gained == 9.0 + 900.0 - 2 * (1.0 - 3.0 + 1.0) - thresholds.OUTLIER**2
 
 
 def test_where_healthy_drives_tell_a_thousandth_of_what_is_left_matters(better):
