@@ -52,7 +52,8 @@ def linearised(
     """Return the linear model at a point; the derivatives by the unknowns are those of the model `near`, where one is given."""
     scenes = imbalances.scenes_with(problem, terms, beta)
     nodes = imbalances.operating_nodes(problem, scenes)
-    each = imbalances.imbalances_at(problem, scenes, beta)
+    made = imbalances.by_signals(problem, scenes)
+    each = made + imbalances.standing(problem, beta)
     raw = imbalances.views(each, problem.K)
     raw[0] -= problem.by_reading * imbalances.map_along(theta, nodes)
     derivatives = imbalances.by_unknowns(problem, scenes, terms, beta, each) if near is None else near.by_unknowns
@@ -61,9 +62,9 @@ def linearised(
     white = noise.whiten(derivatives) if weighed is None else weighed.columns[: len(derivatives)]
     same_map = weighed if weighed is not None and _equal(nodes, weighed.nodes) else None
     if terms:
-        white = np.concatenate([white, noise.whiten(_by_terms(problem, terms, beta, theta, nodes))])
+        white = np.concatenate([white, noise.whiten(_by_terms(problem, terms, beta, theta))])
     straight = raw.copy()
-    straight[0] += imbalances.curvature_bias(problem, scenes, beta, each)
+    straight[0] += imbalances.curvature_bias(problem, scenes, made)
     residual = noise.whiten(straight)
     pinned = np.zeros(beta.size + len(terms), dtype=bool) if pinned is None else pinned
     prior = prior_precision(problem, terms)
@@ -78,6 +79,7 @@ def linearised(
         pinned=pinned,
         noise=noise,
         raw=raw,
+        by_signals=imbalances.views(made, problem.K),
         residual=residual,
         by_unknowns=derivatives,
         columns=white,
@@ -186,27 +188,21 @@ def _stepped(linear: Linear, near: Linear | None, share: float = 1.0) -> Linear:
     return linearised(problem, terms, theta, there[:q], linear.noise, pinned, near)
 
 
-def _by_terms(problem: Problem, terms: tuple[Term, ...], beta: Array, theta: Array, nodes: imbalances.Nodes) -> Array:
+def _by_terms(problem: Problem, terms: tuple[Term, ...], beta: Array, theta: Array) -> Array:
     found = np.empty((len(terms), 2, len(problem.model.balances), problem.K))
     for i, term in enumerate(terms):
         h = EFFECT_STEP * term.effect.size
         below, above = (replace(term, size=term.size + shift) for shift in (-h, h))
-        found[i] = change_between(problem, terms, i, (below, above), beta, theta, nodes) / (2.0 * h)
+        found[i] = change_between(problem, terms, i, (below, above), beta, theta) / (2.0 * h)
     return found
 
 
 def change_between(
-    problem: Problem,
-    terms: Sequence[Term],
-    index: int,
-    ends: tuple[Term, Term],
-    beta: Array,
-    theta: Array,
-    nodes: imbalances.Nodes,
+    problem: Problem, terms: Sequence[Term], index: int, ends: tuple[Term, Term], beta: Array, theta: Array
 ) -> Array:
     """Return how the residual changes from the first to the second of two terms in one place, shape (2, B, K)."""
     one, other = (imbalances.scenes_with(problem, [*terms[:index], end, *terms[index + 1 :]], beta) for end in ends)
-    return imbalances.change_of_residual(problem, terms[index].effect, one, other, beta, theta, nodes)
+    return imbalances.change_of_residual(problem, terms[index].effect, one, other, theta)
 
 
 def prior_precision(problem: Problem, terms: tuple[Term, ...]) -> Array:

@@ -73,14 +73,19 @@ def _corrected(problem: Problem, beta: Array, signals: Signals, effect: Effect, 
 
 def imbalances_at(problem: Problem, scenes: Sequence[Scene], beta: Array) -> Array:
     """Return what is left of every balance without the map, shape (B, 2K) or (B, K) [model's unit]."""
+    return by_signals(problem, scenes) + standing(problem, beta)
+
+
+def by_signals(problem: Problem, scenes: Sequence[Scene]) -> Array:
+    """Return the part of it that signals and constants make."""
     constants, out = scenes[0][1].constants, np.zeros(())
     for on, signals in scenes:
         out = np.where(on, problem.model.imbalances(constants, signals, problem.blocks), out)
-    return np.asarray(out + shift(problem, scenes[0][1], beta))
+    return np.asarray(out if problem.blocks is not None else out - moved(problem, scenes[0][1]))
 
 
-def shift(problem: Problem, s: Signals, beta: Array) -> Array:
-    """Return what is added to the balances at all columns of the signals, shape (B, C)."""
+def standing(problem: Problem, beta: Array) -> Array:
+    """Return the part of it that stays with other signals."""
     by_day = problem.patterns.along(beta[beta.size - len(problem.patterns) :])  # with the errors of a healthy engine
     for log, level, size in problem.on_days(beta):
         if level.name in problem.model.balances:
@@ -89,7 +94,7 @@ def shift(problem: Problem, s: Signals, beta: Array) -> Array:
     if problem.blocks is not None:
         return out
     by_engine = 0.0 if problem.learned is None else np.tensordot(beta[: len(problem.learned)], problem.learned, 1)
-    return np.tile(out, 2) - moved(problem, s) - by_engine
+    return np.asarray(np.tile(out, 2) - by_engine)
 
 
 def moved(problem: Problem, s: Signals) -> Array:
@@ -122,28 +127,28 @@ def change_of_residual(
     effect: Effect,
     before: Sequence[Scene],
     after: Sequence[Scene],
-    beta: Array,
     theta: Array,
-    nodes: Nodes,
     known: Array | None = None,
 ) -> Array:
     """Return how the residual changes with signals that differ in the size of an effect, shape (2, B, K) [model's unit].
 
-    `nodes` are those of an effect that does not move the operating point, `known` is the residual of before, where it is known.
+    `known` is what the signals of before make of both views, where it is known.
     """
     # The residual is linear in the reading, and nothing else changes.
     if effect.place == "sensor" and problem.blocks is None:
         return np.asarray(views((after[0][1][SENSOR] - before[0][1][SENSOR])[None], problem.K) * problem.by_reading)
+    change = views(by_signals(problem, after), problem.K)
+    change -= views(by_signals(problem, before), problem.K) if known is None else known
+    if effect.moves_point:
+        then, now = (map_along(theta, operating_nodes(problem, scenes)) for scenes in (before, after))
+        change[0] -= problem.by_reading * (now - then)
+    return change
 
-    def left(scenes: Sequence[Scene]) -> Array:
-        there = operating_nodes(problem, scenes) if effect.moves_point else nodes
-        return residual_of(problem, scenes, beta, theta, there)
 
-    return left(after) - (left(before) if known is None else known)
+def curvature_bias(problem: Problem, scenes: Sequence[Scene], made: Array) -> Array:
+    """Return the balances of the mean of both views less the mean of their balances, shape (B, K).
 
-
-def curvature_bias(problem: Problem, scenes: Sequence[Scene], beta: Array, each: Array) -> Array:
-    """Return the balances of the mean of both views less the mean of their balances `each`, shape (B, K).
+    `made` is what their signals make, as `by_signals` gives it.
 
     Noise of the signals biases a balance that is curved in them, and the mean of the views has half the noise of either. (Near its
     stall the compressor is so curved that the noise of p_im looked like an offset of ten pascals; this term makes it one.)
@@ -164,9 +169,7 @@ def curvature_bias(problem: Problem, scenes: Sequence[Scene], beta: Array, each:
         rate={name: middle(x) for name, x in s.rate.items()},
         lacks=middle(s.lacks),
     )
-    return np.asarray(
-        problem.model.imbalances(s.constants, mean, None) + middle(shift(problem, s, beta)) - middle(each)
-    )
+    return np.asarray(problem.model.imbalances(s.constants, mean, None) - middle(made + moved(problem, s)))
 
 
 def operating_nodes(problem: Problem, scenes: Sequence[Scene]) -> Nodes:

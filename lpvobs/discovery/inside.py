@@ -83,7 +83,7 @@ def _inside_effect(linear: Linear, index: int) -> dict[str, tuple[float, str, Ar
         return {}
     h = _STEP * inside.value
     below, above = (replace(term, effect=term.effect.having(inside.value + shift)) for shift in (-h, h))
-    change = change_between(problem, linear.terms, index, (below, above), linear.beta, linear.theta, linear.nodes)
+    change = change_between(problem, linear.terms, index, (below, above), linear.beta, linear.theta)
     column = linear.whiten(change / (2.0 * h))
     _, ((information,),) = linear.beside(column[None])
     return {inside.name: (inside.value, inside.unit, column)} if is_clear(linear, column, information) else {}

@@ -114,8 +114,13 @@ def test_an_effect_that_grows_varies_by_what_it_takes_of_what_healthy_drives_see
         ("leak.intake", -1e-6, True),
         ("maf.offset", -1e-3, False),
         ("egr.area", 0.2, False),
+        ("maf.temperature", -0.02, True),
+        ("maf.temperature", -0.019, False),
     ],
 )
 def test_a_lag_below_none_stands_for_something_else_and_a_valve_stuck_shut_for_itself(plant, id_, size, ends):
-    """Beside a delay a negative lag was named, which no observer has a state for; `refine` ended with a Python error."""
+    """Beside a delay a negative lag was named, which no observer has a state for; `refine` ended with a Python error.
+
+    Damp air was a reading that changes by 2 % a kelvin, the most that is sought.
+    """
     assert at_its_end(Term(plant.effect(id_), size)) == ends
