@@ -159,7 +159,7 @@ def signals_of(id_: str) -> frozenset[str]:
     return frozenset(factor.signal for factor in form.factors[form.relative :])
 
 
-def plainest(ids: Sequence[str]) -> list[str]:
+def without_variants(ids: Sequence[str]) -> list[str]:
     """Return identifiers without forms that follow the same signals as an earlier form, or those of any other and more."""
     of = [signals_of(id_) if id_.startswith(PREFIX) else None for id_ in ids]
 

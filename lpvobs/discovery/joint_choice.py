@@ -22,7 +22,7 @@ from lpvobs.discovery.evidence import (
     with_best_interval,
 )
 from lpvobs.discovery.fit import fit, objective, refit, with_term, without
-from lpvobs.discovery.forms import plainest, signals_of
+from lpvobs.discovery.forms import signals_of, without_variants
 from lpvobs.discovery.inside import Number, with_inside
 from lpvobs.discovery.known_effects import NINETY
 from lpvobs.discovery.linear import Linear, changed_by, dot
@@ -234,7 +234,7 @@ def finished(
         there = with_term(linear, index, rival.term)
         beside.append(_as_fitted(there, bare, rival))
     alike = dict.fromkeys([own.id, *(c.id for c in beside if fits_as_well(like, c, problem))])
-    indistinguishable = tuple(id_ for id_ in plainest(list(alike)) if id_ != own.id)
+    indistinguishable = tuple(id_ for id_ in without_variants(list(alike)) if id_ != own.id)
     share = own.gain / max(float(loss_of(bare).sum()), own.gain, 1e-300)
     return Accepted(own, chance(own, problem), share, indistinguishable, *error_of(linear, index, standard_error))
 

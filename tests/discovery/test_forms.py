@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from lpvobs.discovery import form_search
 from lpvobs.discovery.fit import fit
-from lpvobs.discovery.forms import Factor, Form, along_log, along_problem, in_words, parsed, plainest
+from lpvobs.discovery.forms import Factor, Form, along_log, along_problem, in_words, parsed, without_variants
 from lpvobs.discovery.known_effects import term_on
 from lpvobs.discovery.ranking import rank_in
 from lpvobs.discovery.refine import refine
@@ -168,4 +168,4 @@ def test_of_formulas_that_explain_as_much_one_is_listed_for_each_signal():
         "form:W_maf ~ p_im * (p_im - 1.153e+05 Pa)",
         "form:W_maf ~ W_maf * (W_maf - 0.02615 kg/s)",
     ]
-    assert plainest(ids) == [ids[0], ids[2], ids[3], ids[6]]
+    assert without_variants(ids) == [ids[0], ids[2], ids[3], ids[6]]
