@@ -3,6 +3,7 @@
 import shutil
 import signal
 import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -60,6 +61,23 @@ def test_the_default_method_refuses_a_gain_that_is_no_cascade(lpvobs, config, ch
         ).code
         == 0
     )
+
+
+def test_a_library_that_a_signal_ends_while_it_is_loaded_prints_no_traceback():
+    """Compiled code prints the exception through the hook, and raises another one; the program says its one line."""
+    code = """
+import os, signal, sys
+from lpvobs.cli.signals import Stopped, catch_signals, received
+
+catch_signals()
+try:
+    os.kill(os.getpid(), signal.SIGINT)
+except Stopped:
+    sys.excepthook(*sys.exc_info())
+sys.exit(received().exit_code)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (130, "")
 
 
 @pytest.mark.parametrize(("sent", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
