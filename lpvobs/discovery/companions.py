@@ -11,6 +11,7 @@ from lpvobs.discovery.fit import fit, refit, without
 from lpvobs.discovery.forms import PREFIX
 from lpvobs.discovery.held_out import Losses, cross_validated, noise_power
 from lpvobs.discovery.linear import Linear, cancels, changed_by
+from lpvobs.discovery.places import moves
 from lpvobs.discovery.ranking import is_significant, is_uneven
 from lpvobs.discovery.residual import Problem, Term
 from lpvobs.records import Array
@@ -76,7 +77,7 @@ def own_share(linear: Linear, index: int) -> float:
 
 def _bends(problem: Problem) -> Array:
     """Return lines and parabolas over every moving channel and over the time, of unit variance, shape (m, K)."""
-    lines = [x for x in (*problem.inputs().values(), problem.clock) if np.std(x) > thresholds.STANDS * abs(np.mean(x))]
+    lines = [x for x in (*problem.inputs().values(), problem.clock) if moves(x)]
     scaled = [(x - x.mean()) / x.std() for x in lines]
     return np.stack([*scaled, *((x**2 - 1.0) / np.std(x**2) for x in scaled)])
 

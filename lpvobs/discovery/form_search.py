@@ -20,6 +20,7 @@ from lpvobs.discovery.evidence import (
 from lpvobs.discovery.fit import fit, linearised, objective, refit
 from lpvobs.discovery.forms import NAME, TIME, Factor, Form, along_problem, recorded_at, rms
 from lpvobs.discovery.linear import Linear
+from lpvobs.discovery.places import moves
 from lpvobs.discovery.residual import Problem
 from lpvobs.engines.effects import SENSOR, Effect
 from lpvobs.records import Array
@@ -154,7 +155,11 @@ def best_forms(linear: Linear, found: Sequence[Candidate]) -> list[Candidate]:
         if not form.factors or target.target in problem.signals.value
     ]
     alone = _leading([library.alone(start.lot, start.form) for start in starts], thresholds.SHORTLIST)
-    pool = [tried for start in starts for tried in library.best(start.lot, start.form)]
+    # an error that moves would show in a reading that stands still
+    still = {name for name in problem.measured if not moves(recorded_at(problem, name))}
+    pool = [
+        tried for start in starts if start.form.target not in still for tried in library.best(start.lot, start.form)
+    ]
     targets = list(dict.fromkeys(tried.form.target for tried in _leading(pool, len(pool))))[: thresholds.SHORTLIST]
     for start in starts:
         for name in library.names if start.form.target in targets else ():
@@ -217,7 +222,7 @@ def _library(problem: Problem) -> _Products:
     """Return every channel that moves, every ratio of two of one unit, and the time, with rates and lags."""
     channels = (*problem.measured, *problem.auxiliary)
     values = {name: recorded_at(problem, name) for name in channels if NAME.fullmatch(name)}
-    moving = [name for name, x in values.items() if np.std(x) > thresholds.STANDS * abs(np.mean(x))]
+    moving = [name for name, x in values.items() if moves(x)]
     units = problem.model.units
     # a valve that closes without steps comes down to 1e-300 %, and the square of a ratio to it is no number
     positive = [name for name in moving if values[name].min() > LEAST * values[name].mean() and units.get(name)]

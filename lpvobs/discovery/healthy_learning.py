@@ -29,6 +29,7 @@ from lpvobs.discovery.healthy_drive import (
 )
 from lpvobs.discovery.imbalances import imbalances_at, map_along, operating_nodes, scenes_with
 from lpvobs.discovery.noise import beyond_usual
+from lpvobs.discovery.places import moves
 from lpvobs.discovery.residual import MapPrior, Problem, lay_out
 from lpvobs.engines.effects import SENSOR
 from lpvobs.engines.residual_model import ResidualModel
@@ -273,7 +274,7 @@ def _known_to(model: ResidualModel, information: Array) -> Array:
 def _bare(problem: Problem, logs: Sequence[str], width: float) -> HealthyDrive:
     """Return where the bells stand, along what the drives have visited, before anything is learned."""
     s, none = problem.signals, np.zeros(0)
-    moving = tuple(name for name in problem.measured if np.std(s[name]) > thresholds.STANDS * np.abs(np.mean(s[name])))
+    moving = tuple(name for name in problem.measured if moves(s[name]))
     channels = tuple(name for name in moving if name != SENSOR)
     along = np.stack([*(s[name] for name in channels), *(s.rate[name] for name in moving)], axis=1)
     bare = HealthyDrive(

@@ -203,6 +203,11 @@ def _transience(model: ResidualModel, signals: Signals, apart: int) -> Array:
     return np.searchsorted(np.quantile(total, thresholds.TRANSIENT), total).astype(float)
 
 
+def moves(values: Array) -> bool:
+    """Return whether a channel does not stand still on the logs."""
+    return bool(np.std(values) > thresholds.STANDS * np.abs(np.mean(values)))
+
+
 def averaged(values: Array, step: float) -> Array:
     """Return the means over a second around samples that are a step [s] apart."""
     width = 2 * int(0.5 * thresholds.FORM_CALM / step) + 1

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lpvobs.discovery import form_search
+from lpvobs.discovery.evidence import fit_candidate
 from lpvobs.discovery.fit import fit
 from lpvobs.discovery.forms import Factor, Form, along_log, along_problem, in_words, parsed, without_variants
 from lpvobs.discovery.known_effects import term_on
@@ -88,6 +89,17 @@ def test_a_formula_that_holds_at_no_place_ends_no_search(laid_out, clean, monkey
     monkeypatch.setattr(form_search._Products, "alone", lambda _, lot, form: form_search._Tried(-np.inf, form, lot))
     assert form_search.best_forms(linear, found) == []
     assert [c.id for c in form_search.beside_forms(linear, found, [])] == [c.id for c in found]
+
+
+def test_a_reading_that_stands_still_is_off_by_nothing_that_moves(laid_out, clean, monkeypatch):
+    """An error that moves would show in it. Ambient pressure was too low by 0.9988 * (p_ic - 1.009e5 Pa)."""
+    linear, tried = fit(laid_out(clean)), set()
+    monkeypatch.setattr(form_search._Products, "best", lambda _, lot, start: tried.add(start.target) or [])
+    monkeypatch.setattr(form_search._Products, "alone", lambda _, lot, form: form_search._Tried(-np.inf, form, lot))
+    assert form_search.best_forms(linear, [fit_candidate(linear, linear.problem.model.effect("maf.gain"))]) == []
+    assert tried >= {"W_maf", "p_im", "egr.area"}
+    assert not tried & {"p_amb", "T_amb"}
+    assert {"p_amb", "T_amb"} <= set(linear.problem.measured)
 
 
 @pytest.mark.parametrize(("least", "divides"), [(1e-3, True), (1e-320, False)])
