@@ -3,7 +3,7 @@
 import gc
 import sys
 
-from lpvobs.cli.signals import Stopped, catch_signals
+from lpvobs.cli.signals import catch_signals, received
 
 UNTIL_GARBAGE = 30_000
 """New objects until garbage is looked for, instead of 700: loading libraries makes hundreds of thousands, all of which stay. A
@@ -18,6 +18,11 @@ def run() -> None:
         from lpvobs.cli.main import run as run_verb
 
         run_verb()
-    except Stopped as stop:
+    except SystemExit:
+        raise
+    except BaseException:
+        stop = received()  # whatever has come of it on the way
+        if stop is None:
+            raise
         print(f"lpvobs: {stop}", file=sys.stderr)
         sys.exit(stop.exit_code)

@@ -23,9 +23,10 @@ def predicts_better(before: Linear, after: Linear, newest: Candidate) -> bool:
     Where healthy drives tell, it must explain enough of all, and be more than what the others leave because the catalogue has not
     quite their shape.
     """
-    gained, losses = _gained(refit(after, before.terms), after)
+    bare = refit(after, before.terms)
+    gained, losses = _gained(bare, after)
     if not len(after.problem.patterns):
-        above = float(losses.before.sum()) - float(noise_power(after)[losses.counted].sum())
+        above = float(losses.before.sum()) - float(noise_power(bare)[losses.counted].sum())
         return bool(gained > thresholds.MATTERS * max(above, 0.0))
     matters = thresholds.MATTERS_LEARNED * float(losses.before.sum())
     return gained > matters and (not before.terms or _is_of_its_own(after, newest, gained))
@@ -34,12 +35,14 @@ def predicts_better(before: Linear, after: Linear, newest: Candidate) -> bool:
 def _gained(before: Linear, after: Linear) -> tuple[float, Losses]:
     """Return by how much the squares fall in blocks not fitted to, and the losses that tell.
 
-    Noise that an effect adds is taken off: a reading without its lag has more of it. No instant counts against an effect by more
-    than an outlier does.
+    Noise that an effect adds is taken off: a reading without its lag has more of it. An instant of which so much is left that it is
+    an outlier tells no more than that, for or against the effect.
     """
     losses = cross_validated(before, after)
     at_each = losses.before - losses.after - noise_power(before) + noise_power(after)
-    return float(np.maximum(at_each[losses.counted], -(thresholds.OUTLIER**2)).sum()), losses
+    most = thresholds.OUTLIER**2 * np.median(losses.after[losses.counted]) if losses.counted.any() else 0.0
+    told = np.where(losses.after > most, np.clip(at_each, -most, most), at_each)
+    return float(told[losses.counted].sum()), losses
 
 
 def _is_of_its_own(linear: Linear, newest: Candidate, gained: float) -> bool:

@@ -60,12 +60,11 @@ def best_course(linear: Linear, bare: Linear, own: Candidate, rivals: Sequence[E
         found = [fit_course(bare, own.term.effect, course) for course in intervals]
     for effect in _with_courses([own.term.effect, *rivals]):
         found += [fit_course(bare, effect, course) for course in _promising(bare, effect, every, relays)]
-    best, same = own, [c for c in found if _is_same(c, own)]
-    for course in sorted((c for c in same if c.in_time), key=lambda c: c.changes):
-        best = course if is_worth(course, best) else best
+    same = [c for c in found if _is_same(c, own)]
+    best = max([own, *(c for c in same if c.in_time)], key=_net)
     for each in (same, found):
         leading = finer(bare, max(each, key=score, default=best))
-        best = leading if is_worth(leading, best) else best
+        best = leading if is_worth(leading, own) and is_worth(leading, best) else best
     if best is not own and best.term.only is not None:
         driven = max(channel_candidates(bare), key=score, default=None)
         if driven is not None and score(driven) > score(best):
@@ -81,8 +80,13 @@ def is_worth(course: Candidate, own: Candidate) -> bool:
     """
     if not (_is_same(course, own) and course.in_time):
         return score(course) > thresholds.ADVANTAGE * max(score(own), 0.0)
-    ends, changes = course.ends - own.ends, course.changes - own.changes
-    return course.gain - own.gain > penalty(ends, own.loss.size, 0.0) + thresholds.COST * (changes - ends)
+    return _net(course) > _net(own)
+
+
+def _net(candidate: Candidate) -> float:
+    """Return the gain less what instants, kind and time constant of a course over time cost."""
+    other = thresholds.COST * (candidate.changes - candidate.ends)
+    return candidate.gain - float(penalty(candidate.ends, candidate.loss.size, 0.0)) - other
 
 
 def _is_same(one: Candidate, other: Candidate) -> bool:

@@ -79,7 +79,7 @@ def change_of(linear: Linear, effect: Effect, size: float) -> Array:
     if size == effect.null:
         return np.zeros(linear.raw.shape)
     scenes = tuple((on, effect.apply(s, size)) for on, s in linear.scenes)
-    return change_of_residual(problem, effect, linear.scenes, scenes, linear.theta, linear.by_signals)
+    return change_of_residual(problem, effect, linear.scenes, scenes, linear.theta, linear.from_signals)
 
 
 def slope_of(linear: Linear, effect: Effect, size: float, here: Array | None = None) -> Array:

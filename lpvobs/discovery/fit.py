@@ -52,7 +52,7 @@ def linearised(
     """Return the linear model at a point; the derivatives by the unknowns are those of the model `near`, where one is given."""
     scenes = imbalances.scenes_with(problem, terms, beta)
     nodes = imbalances.operating_nodes(problem, scenes)
-    made = imbalances.by_signals(problem, scenes)
+    made = imbalances.from_signals(problem, scenes)
     each = made + imbalances.standing(problem, beta)
     raw = imbalances.views(each, problem.K)
     raw[0] -= problem.by_reading * imbalances.map_along(theta, nodes)
@@ -79,7 +79,7 @@ def linearised(
         pinned=pinned,
         noise=noise,
         raw=raw,
-        by_signals=imbalances.views(made, problem.K),
+        from_signals=imbalances.views(made, problem.K),
         residual=residual,
         by_unknowns=derivatives,
         columns=white,

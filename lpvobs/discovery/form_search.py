@@ -155,7 +155,7 @@ def best_forms(linear: Linear, found: Sequence[Candidate]) -> list[Candidate]:
         if not form.factors or target.target in problem.signals.value
     ]
     alone = _leading([library.alone(start.lot, start.form) for start in starts], thresholds.SHORTLIST)
-    # an error that moves would show in a reading that stands still
+    # an error that moves shows in the reading, unless the truth moves against it
     still = {name for name in problem.measured if not moves(recorded_at(problem, name))}
     pool = [
         tried for start in starts if start.form.target not in still for tried in library.best(start.lot, start.form)

@@ -153,20 +153,21 @@ def parsed(id_: str) -> Form:
     return Form(target, tuple(factors))
 
 
-def signals_of(id_: str) -> frozenset[str]:
-    """Return what the form of an identifier follows."""
+def cause_of(id_: str) -> tuple[str, frozenset[str]]:
+    """Return what the form of an identifier says is off, and the signals that this follows."""
     form = parsed(id_)
-    return frozenset(factor.signal for factor in form.factors[form.relative :])
+    return form.target, frozenset(factor.signal for factor in form.factors[form.relative :])
 
 
 def without_variants(ids: Sequence[str]) -> list[str]:
-    """Return identifiers without forms that follow the same signals as an earlier form, or those of any other and more."""
-    of = [signals_of(id_) if id_.startswith(PREFIX) else None for id_ in ids]
+    """Return identifiers without forms of one target that follow the signals of an earlier one, or those of any other and more."""
+    of = [cause_of(id_) if id_.startswith(PREFIX) else None for id_ in ids]
 
-    def is_more(i: int, signals: frozenset[str]) -> bool:
-        return any(each is not None and (each < signals or (each == signals and j < i)) for j, each in enumerate(of))
+    def is_variant(i: int, target: str, signals: frozenset[str]) -> bool:
+        others = [(j, each[1]) for j, each in enumerate(of) if each is not None and each[0] == target]
+        return any((each and each < signals) or (each == signals and j < i) for j, each in others)
 
-    return [id_ for i, id_ in enumerate(ids) if (signals := of[i]) is None or not is_more(i, signals)]
+    return [id_ for i, id_ in enumerate(ids) if (own := of[i]) is None or not is_variant(i, *own)]
 
 
 def along_problem(form: Form, problem: Problem) -> Array:

@@ -73,11 +73,11 @@ def _corrected(problem: Problem, beta: Array, signals: Signals, effect: Effect, 
 
 def imbalances_at(problem: Problem, scenes: Sequence[Scene], beta: Array) -> Array:
     """Return what is left of every balance without the map, shape (B, 2K) or (B, K) [model's unit]."""
-    return by_signals(problem, scenes) + standing(problem, beta)
+    return from_signals(problem, scenes) + standing(problem, beta)
 
 
-def by_signals(problem: Problem, scenes: Sequence[Scene]) -> Array:
-    """Return the part of it that signals and constants make."""
+def from_signals(problem: Problem, scenes: Sequence[Scene]) -> Array:
+    """Return what signals and constants make of every balance, shape (B, 2K) or (B, K) [model's unit]."""
     constants, out = scenes[0][1].constants, np.zeros(())
     for on, signals in scenes:
         out = np.where(on, problem.model.imbalances(constants, signals, problem.blocks), out)
@@ -85,7 +85,7 @@ def by_signals(problem: Problem, scenes: Sequence[Scene]) -> Array:
 
 
 def standing(problem: Problem, beta: Array) -> Array:
-    """Return the part of it that stays with other signals."""
+    """Return what is added to that whatever the signals: offsets, levels of the day, errors of a healthy engine, same shape."""
     by_day = problem.patterns.along(beta[beta.size - len(problem.patterns) :])  # with the errors of a healthy engine
     for log, level, size in problem.on_days(beta):
         if level.name in problem.model.balances:
@@ -137,8 +137,8 @@ def change_of_residual(
     # The residual is linear in the reading, and nothing else changes.
     if effect.place == "sensor" and problem.blocks is None:
         return np.asarray(views((after[0][1][SENSOR] - before[0][1][SENSOR])[None], problem.K) * problem.by_reading)
-    change = views(by_signals(problem, after), problem.K)
-    change -= views(by_signals(problem, before), problem.K) if known is None else known
+    change = views(from_signals(problem, after), problem.K)
+    change -= views(from_signals(problem, before), problem.K) if known is None else known
     if effect.moves_point:
         then, now = (map_along(theta, operating_nodes(problem, scenes)) for scenes in (before, after))
         change[0] -= problem.by_reading * (now - then)
@@ -148,7 +148,7 @@ def change_of_residual(
 def curvature_bias(problem: Problem, scenes: Sequence[Scene], made: Array) -> Array:
     """Return the balances of the mean of both views less the mean of their balances, shape (B, K).
 
-    `made` is what their signals make, as `by_signals` gives it.
+    `made` is what their signals make, as `from_signals` gives it.
 
     Noise of the signals biases a balance that is curved in them, and the mean of the views has half the noise of either. (Near its
     stall the compressor is so curved that the noise of p_im looked like an offset of ten pascals; this term makes it one.)

@@ -22,7 +22,7 @@ from lpvobs.discovery.evidence import (
     with_best_interval,
 )
 from lpvobs.discovery.fit import fit, objective, refit, with_term, without
-from lpvobs.discovery.forms import signals_of, without_variants
+from lpvobs.discovery.forms import cause_of, without_variants
 from lpvobs.discovery.inside import Number, with_inside
 from lpvobs.discovery.known_effects import NINETY
 from lpvobs.discovery.linear import Linear, changed_by, dot
@@ -50,7 +50,8 @@ def choose_again(linear: Linear, candidate: Candidate) -> tuple[Candidate, Linea
         # What stands out all along and what does in the interval need not be the same.
         here = rank_in(bare, others, *span)[:SHORTLIST] if again.changes else []
         unusual = [fit_candidate(bare, each, *span) for effect in others for each in effect.variants]
-        rivals = [again, with_best_interval(bare, again), *ranked, *here, *unusual]
+        alike = _in_its_place(linear, bare, newest)
+        rivals = [again, with_best_interval(bare, again), *alike, *ranked, *here, *unusual]
         proven = [rival for rival in rivals if is_proven(rival, bare)] or [again]
         again = _joint_best(linear, again, best_first(proven))
         if again.term != linear.terms[newest]:
@@ -150,9 +151,8 @@ def _joint_best(linear: Linear, newest: Candidate, ranked: Sequence[Candidate]) 
     others = linear.terms[:-1]
     newest = replace(newest, term=linear.terms[-1])
     close: dict[tuple[Effect, bool, bool], Candidate] = {}
-    tried = [newest, *_in_its_place(linear, len(others), newest)]
-    for candidate in [*tried, *ranked]:
-        if candidate in tried or score(candidate) > CLOSE * score(ranked[0]):
+    for candidate in [newest, *ranked]:
+        if candidate is newest or score(candidate) > CLOSE * score(ranked[0]):
             ends = bool(np.isfinite(candidate.term.begin)), bool(np.isfinite(candidate.term.end))
             close.setdefault((candidate.term.effect, *ends), candidate)
     if len(close) == 1:
@@ -166,23 +166,21 @@ def _joint_best(linear: Linear, newest: Candidate, ranked: Sequence[Candidate]) 
     return max(joint, key=lambda each: each[0], default=(0.0, newest))[1]
 
 
-def _in_its_place(linear: Linear, index: int, own: Candidate) -> list[Candidate]:
-    """Return the other effects at the place of one of a model, each of the size that changes the residual most nearly as it does.
+def _in_its_place(linear: Linear, bare: Linear, index: int) -> list[Candidate]:
+    """Return the other effects at the place of one of a model, sought from where they change the residual most nearly as it does.
 
     The residual is linear in what the sensor reads. In a large effect elsewhere it is not, and a search from none may end early.
     """
     term, problem = linear.terms[index], linear.problem
     if term.effect.place == "sensor" or term.course is not None or term.curve is not None:
         return []
-    bare, changed, found = without(linear, index), linear.whiten(changed_by(linear, index)), []
-    on = term.acts(problem.clock)
+    changed, on, found = linear.whiten(changed_by(linear, index)), term.acts(problem.clock), []
     for effect in _others(linear):
         if effect.place == term.effect.place and not (term.whole and problem.absorbs(effect)):
             slope = linear.whiten(slope_of(bare, effect, effect.null) * on)
             size = effect.null + dot(slope, changed) / max(dot(slope, slope), 1e-300)
-            found.append(
-                replace(own, term=replace(term, effect=effect, size=float(np.clip(size, effect.low, effect.high))))
-            )
+            size = float(np.clip(size, effect.low, effect.high))
+            found.append(fit_candidate(bare, effect, term.begin, term.end, size))
     return found
 
 
@@ -223,14 +221,14 @@ def finished(
     own = replace(in_place(linear, index, candidate), gain=float((loss_of(bare) - loss_of(linear)).sum()))
     like = _as_fitted(linear, bare, own)
     others = [e for e in problem.catalogue if e.id != own.id and (own.changes or not problem.absorbs(e))]
-    others += [e for e in forms if term.effect in forms and signals_of(e.id) != signals_of(own.id)]
+    others += [e for e in forms if term.effect in forms and cause_of(e.id) != cause_of(own.id)]
     if term.course is not None:
         able = [e for e in others if term.course.name not in GRADED or can_be_graded(e)]
         rivals = best_first(fit_course(bare, e, term.course) for e in able)
     else:
         rivals = rank_in(bare, others, term.begin, term.end)
     beside = []
-    for rival in (*rivals[:SHORTLIST], *_in_its_place(linear, index, own)):  # all unknowns fitted with it
+    for rival in (*rivals[:SHORTLIST], *_in_its_place(linear, bare, index)):  # all unknowns fitted with it
         there = with_term(linear, index, rival.term)
         beside.append(_as_fitted(there, bare, rival))
     alike = dict.fromkeys([own.id, *(c.id for c in beside if fits_as_well(like, c, problem))])

@@ -36,7 +36,7 @@ class Linear:
     pinned: NDArray[np.bool_]
     noise: Noise  # whitened values are zero at places that are not used
     raw: Array  # (2, B, K) in the model's unit
-    by_signals: Array  # (2, B, K) what the signals make of it
+    from_signals: Array  # (2, B, K) what the signals make of it
     residual: Array  # (2, B, K) whitened, with what `curvature_bias` adds
     # (u, 2, B, K) derivatives of the residual by the u unknowns that are no errors of a healthy engine, perhaps taken nearby
     by_unknowns: Array

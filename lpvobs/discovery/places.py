@@ -204,7 +204,7 @@ def _transience(model: ResidualModel, signals: Signals, apart: int) -> Array:
 
 
 def moves(values: Array) -> bool:
-    """Return whether a channel does not stand still on the logs."""
+    """Return whether a channel moves on the logs: by more than `STANDS` of its mean."""
     return bool(np.std(values) > thresholds.STANDS * np.abs(np.mean(values)))
 
 

@@ -211,9 +211,10 @@ def _with_one_more(
     trial = fit(problem, [*linear.terms, best.term], start=linear)
     named, trial = choose_again(trial, best)
     predicts = predicts_better(linear, trial, named)
-    if not predicts or is_remainder(named, accepted, problem) or at_its_end(named.term):
+    if not predicts or is_remainder(named, accepted, problem):
         return None
-    return choose_all_again(trial, (*accepted, named))
+    trial, accepted = choose_all_again(trial, (*accepted, named))
+    return None if any(at_its_end(term) for term in trial.terms) else (trial, accepted)
 
 
 def _bare(linear: Linear) -> Linear:

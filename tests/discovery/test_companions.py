@@ -74,15 +74,38 @@ def better(monkeypatch):
     return accepted
 
 
-def test_no_instant_tells_more_against_than_an_outlier_and_noise_that_an_effect_adds_is_no_loss(monkeypatch):
+@pytest.fixture
+def leaves(monkeypatch):
+    """Return a function that sets what two models leave at four instants, the last of which does not count, and their noise."""
+
+    def of(before, after, noise):
+        losses = Losses(np.array(before), np.array(after), np.arange(4) < 3, np.zeros(4, dtype=np.int64), 1.0)
+        monkeypatch.setattr(companions, "cross_validated", lambda *_: losses)
+        monkeypatch.setattr(companions, "noise_power", lambda linear: np.full(4, noise[len(linear.terms)]))
+        monkeypatch.setattr(
+            companions, "refit", lambda linear, terms: SimpleNamespace(terms=terms, problem=linear.problem)
+        )
+        return losses
+
+    return of
+
+
+def test_an_outlier_tells_no_more_than_that_and_noise_that_an_effect_adds_is_no_loss(leaves):
     """A pressure 20 hPa too high had no name: three instants left 20 000 and more. A slow sensor lost its name by its noise."""
-    left = [np.array(x) for x in ([9.0, 900.0, 9.0, 0.0], [1.0, 1.0, 2e4, 0.0])]
-    losses = Losses(*left, np.array([True, True, True, False]), np.zeros(4, dtype=np.int64), 1.0)
-    monkeypatch.setattr(companions, "cross_validated", lambda *_: losses)
-    monkeypatch.setattr(companions, "noise_power", lambda noise: np.full(4, noise))
-    gained, found = companions._gained(1.0, 3.0)
+    losses = leaves([9.0, 900.0, 9.0, 0.0], [1.0, 1.0, 2e4, 5e4], noise=(1.0, 3.0))
+    after = SimpleNamespace(terms=(1,), problem=None)
+    gained, found = companions._gained(companions.refit(after, ()), after)
     assert found is losses
+    # the usual instant leaves one, so an outlier counts as four standard deviations, squared
     assert gained == 9.0 + 900.0 - 2 * (1.0 - 3.0 + 1.0) - thresholds.OUTLIER**2
+
+
+@pytest.mark.parametrize(("left", "better"), [(58.0, True), (59.9, False)])
+def test_what_is_above_noise_is_above_that_of_the_model_before(leaves, left, better):
+    """Noise of 19 at each of three instants, of 20 with the effect: of a residual of 60, three are above it, and 0.15 matter."""
+    leaves([20.0, 20.0, 20.0, 0.0], [left / 3.0 + 1.0] * 4, noise=(19.0, 20.0))
+    before, after = (SimpleNamespace(terms=terms, problem=SimpleNamespace(patterns=())) for terms in ((), (1,)))
+    assert companions.predicts_better(before, after, None) == better
 
 
 def test_where_healthy_drives_tell_a_thousandth_of_what_is_left_matters(better):

@@ -23,9 +23,9 @@ from lpvobs.discovery.healthy_learning import (
     left_of,
 )
 from lpvobs.discovery.imbalances import (
-    by_signals,
     by_unknowns,
     curvature_bias,
+    from_signals,
     imbalances_at,
     map_along,
     moved,
@@ -509,7 +509,7 @@ def test_a_shift_of_a_balance_bends_nothing(laid_out, clean):
     shifted = replace(problem, offset=problem.offset + 0.01)
     beta = np.zeros(problem.spread.size)
     bias = [
-        curvature_bias(each, scenes := scenes_with(each, (), beta), by_signals(each, scenes))
+        curvature_bias(each, scenes := scenes_with(each, (), beta), from_signals(each, scenes))
         for each in (problem, shifted)
     ]
     np.testing.assert_allclose(bias[0], bias[1], atol=1e-12)  # kg/s, rounding

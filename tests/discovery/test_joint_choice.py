@@ -40,19 +40,19 @@ def test_a_course_that_only_seems_to_gain_more_than_a_large_fault_does_not_take_
 
 
 @pytest.mark.parametrize("known", ["p_im.offset", "maf.gain"])
-def test_others_at_the_place_of_an_effect_are_tried_where_they_change_the_residual_as_it_does(
-    laid_out, plant, clean, known
+def test_others_at_the_place_of_an_effect_are_sought_from_where_they_change_the_residual_as_it_does(
+    laid_out, plant, clean, known, monkeypatch
 ):
     """An intake pressure 1.7 % too high was named an offset: sought from none, the gain ended at 0.1 %."""
     problem, effect = laid_out(clean), plant.effect(known)
     linear = fit(problem)
-    linear = replace(linear, terms=(Term(effect, 1970.0 if known == "p_im.offset" else 1.05),))
-    found = joint_choice._in_its_place(linear, 0, fit_candidate(linear, effect))
+    term = Term(effect, 1970.0 if known == "p_im.offset" else 1.05)
+    monkeypatch.setattr(joint_choice, "fit_candidate", lambda _, effect, begin, end, size: (effect.id, size))
+    found = joint_choice._in_its_place(replace(linear, terms=(term,)), linear, 0)
     if known == "maf.gain":  # the residual is linear in what the sensor reads
         assert found == []
     else:
-        assert [c.id for c in found] == ["p_im.gain"]
-        assert found[0].term.size == pytest.approx(1.0 + 1970.0 / clean["p_im"].mean(), abs=0.002)
+        assert found == [("p_im.gain", pytest.approx(1.0 + 1970.0 / clean["p_im"].mean(), abs=0.002))]
 
 
 @pytest.mark.slow

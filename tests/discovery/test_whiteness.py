@@ -1,6 +1,7 @@
 """White is white, coloured is coloured, and a lagged cause is named."""
 
 import numpy as np
+import pytest
 
 from lpvobs.discovery.whiteness import correlation, periodogram_distance, portmanteau, whiteness
 
@@ -49,6 +50,9 @@ def test_lag_has_a_sign():
     assert abs(found) < 3.0 * noise
     found, noise = pairs[-4][2, 1]  # y comes before x
     assert found > max(0.9, 3.0 * noise)
+    found, noise = pairs[4][1, 1]  # of other rows, against the textbook
+    assert found == pytest.approx(np.corrcoef(columns[1][:-4], rows[1][4:])[0, 1])
+    assert noise == pytest.approx(1.0 / np.sqrt(396.0), rel=0.1)
     assert correlation(rows, columns, 399).tolist() == np.zeros((3, 2, 2)).tolist()  # nothing is left to correlate
 
 

@@ -216,9 +216,9 @@ CATALOGUE = (
 )  # fmt: skip
 """The effects in the order in which they are undone: the last one on the way into the log comes first.
 
-The balances respond to two of them through the turbine, which bench points do not show. Back pressure goes with the square of the
-turbine's flow: where turbines of another form swallowed 12 % less than their model, its sizes came out 18 to 24 % too small.
-Those of `compressor.flow` came out 11 to 22 % too small, mostly by the balance of power.
+The balances respond to back pressure through the turbine, which bench points do not show. It goes with the square of the turbine's
+flow: where turbines of another form swallowed 12 % less than their model, its sizes came out 18 to 24 % too small. How a pulsating
+flow reads depends on the sensor: sizes by another law were off by 11 % (median of 12).
 """
 _BY_NAME = {effect.id: effect for effect in CATALOGUE}
 CURVES = (
