@@ -61,7 +61,8 @@ def best_course(linear: Linear, bare: Linear, own: Candidate, rivals: Sequence[E
     for effect in _with_courses([own.term.effect, *rivals]):
         found += [fit_course(bare, effect, course) for course in _promising(bare, effect, every, relays)]
     same = [c for c in found if _is_same(c, own)]
-    best = max([own, *(c for c in same if c.in_time)], key=_net)
+    # Episodes are many instants, which a share of the gain pays for: they leave what another effect does at times.
+    best = max([own, *(c for c in same if c.in_time and c.changes > c.ends)], key=_net)
     for each in (same, found):
         leading = finer(bare, max(each, key=score, default=best))
         best = leading if is_worth(leading, own) and is_worth(leading, best) else best

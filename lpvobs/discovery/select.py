@@ -188,7 +188,7 @@ def _search(
     learned = needed and len(problem.patterns) > 0  # names then have not quite the shape of a cause
     shaped = objective(_bare(linear)) - objective(linear) if learned else 0.0
     varies = structure(linear) >= thresholds.MOST_STRUCTURE * (0.5 * problem.data + shaped)
-    if uneven or goes or apart or varies:
+    if uneven or goes or apart or varies or any(at_its_end(term) for term in linear.terms):
         return _Search("unexplained", [], before, before, ranking, needed)
     return _Search("effect" if needed else "none", needed, linear, before, ranking)
 
@@ -211,10 +211,9 @@ def _with_one_more(
     trial = fit(problem, [*linear.terms, best.term], start=linear)
     named, trial = choose_again(trial, best)
     predicts = predicts_better(linear, trial, named)
-    if not predicts or is_remainder(named, accepted, problem):
+    if not predicts or is_remainder(named, accepted, problem) or at_its_end(named.term):
         return None
-    trial, accepted = choose_all_again(trial, (*accepted, named))
-    return None if any(at_its_end(term) for term in trial.terms) else (trial, accepted)
+    return choose_all_again(trial, (*accepted, named))
 
 
 def _bare(linear: Linear) -> Linear:

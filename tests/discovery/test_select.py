@@ -169,11 +169,19 @@ def test_an_effect_is_judged_by_the_weights_beside_it_before_it_is_given_up(monk
 
 
 @pytest.mark.parametrize(
-    ("left", "learned", "verdict"), [(29.0, True, "effect"), (31.0, True, "unexplained"), (29.0, False, "unexplained")]
+    ("left", "learned", "at_end", "verdict"),
+    [
+        (29.0, True, False, "effect"),
+        (31.0, True, False, "unexplained"),
+        (29.0, False, False, "unexplained"),
+        (29.0, True, True, "unexplained"),  # an earlier effect may come to its end beside a later one
+    ],
 )
-def test_what_a_large_effect_leaves_may_change_more_where_healthy_drives_tell(monkeypatch, left, learned, verdict):
+def test_what_a_large_effect_leaves_may_change_more_where_healthy_drives_tell(
+    monkeypatch, left, learned, at_end, verdict
+):
     """Two per cent of half the data, 500, and of what the names explain, 1000: a pressure lost its name for a thousandth."""
-    linear = SimpleNamespace(terms=())
+    linear = SimpleNamespace(terms=(SimpleNamespace(course=None),))
     nothing = (SimpleNamespace(id="maf.gain", changes=0),)
     for name, value in (
         ("fit", linear),
@@ -182,6 +190,8 @@ def test_what_a_large_effect_leaves_may_change_more_where_healthy_drives_tell(mo
         ("is_relevant", False),
         ("is_proven", False),
         ("is_uneven", False),
+        ("comes_and_goes", False),
+        ("at_its_end", at_end),
     ):
         monkeypatch.setattr(select, name, lambda *_, value=value: value)
     monkeypatch.setattr(select, "structure", lambda _: left)
