@@ -29,9 +29,8 @@ def catch_signals() -> None:
 def _stop(number: int, frame: FrameType | None) -> None:
     ignore_signals()
     _received[:] = [Stopped(number)]
-    sys.excepthook = lambda *_: (
-        None
-    )  # a compiled library that is being loaded prints an exception before it raises its own
+    # A compiled library that is being loaded prints an exception before it raises its own.
+    sys.excepthook = lambda *_: None
     raise _received[0]
 
 
