@@ -14,6 +14,7 @@ from typing import Annotated
 import numpy as np
 
 from lpvobs.compiled import njit
+from lpvobs.discovery.thresholds import COST
 from lpvobs.engines.curves import on_surface, values_at
 from lpvobs.engines.effects import Change, Effect
 from lpvobs.records import Array, Item
@@ -173,6 +174,11 @@ class Curve:
     carrier: str
     knots: Annotated[Array, Item("1", "value of the channel in the log's unit, or its rate per second", name="knot")]
     values: Annotated[Array, Item("1", "change of the carrier effect's size at amplitude one", ("knot",), "deviation")]
+
+    @property
+    def cost(self) -> float:
+        """What its coefficients must gain."""
+        return COST * (self.knots.size - 1)
 
 
 @dataclass(frozen=True)

@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lpvobs.discovery.courses import Curve, FactorSurface, Shape
-from lpvobs.discovery.evidence import Candidate, fit_candidate, slope_of
+from lpvobs.discovery.evidence import Candidate, fit_candidate
 from lpvobs.discovery.fit import linearised
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.places import averaged
 from lpvobs.discovery.residual import Term
+from lpvobs.discovery.sizes import slope_of
 from lpvobs.discovery.thresholds import COST, CURVE_SIZES, KNOTS, LARGEST, MOST_LEVELS, RIDGE, TENT_WIDTHS
 from lpvobs.engines.curves import on_surface, values_at
 from lpvobs.engines.effects import Effect, Signals
@@ -69,15 +70,15 @@ def channel_candidates(linear: Linear) -> list[Candidate]:
                 driven = along_channel(curve, effect, along)
                 best[name] = gain - COST * coefficients.size, driven, curve
     ranked = sorted(best.values(), key=lambda item: -item[0])[:2]
-    return [_fitted(linear, effect, curve, COST * (curve.knots.size - 1)) for _, effect, curve in ranked]
+    return [_fitted(linear, effect, curve) for _, effect, curve in ranked]
 
 
 def _fitted(
-    linear: Linear, effect: Effect, curve: Shape, cost: float, size: float | None = None, begin: float = -np.inf
+    linear: Linear, effect: Effect, curve: Shape, size: float | None = None, begin: float = -np.inf
 ) -> Candidate:
     """Return a curve as a candidate, its gain less what its coefficients cost."""
     candidate = fit_candidate(linear, effect, size=size, like=Term(effect, effect.null, begin, curve=curve))
-    return replace(candidate, gain=candidate.gain - cost)
+    return replace(candidate, gain=candidate.gain - curve.cost)
 
 
 def along_channel(curve: Curve, carrier: Effect, shape: Array) -> Effect:
@@ -122,7 +123,7 @@ def _of_component(linear: Linear, curve: ComponentCurve, begin: float) -> Candid
     surface = surface_of(linear, curve, begin)
     if surface is None:
         return None
-    found = _fitted(linear, driven_by(curve, surface), surface, surface.cost, surface.amplitude, begin)
+    found = _fitted(linear, driven_by(curve, surface), surface, surface.amplitude, begin)
     return found if found.term.effect.low < found.term.size < found.term.effect.high else None
 
 

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from lpvobs.discovery.courses import GRADED
 from lpvobs.discovery.fit import pins
-from lpvobs.discovery.imbalances import change_of_residual
-from lpvobs.discovery.linear import Linear, dot
+from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.residual import Term
-from lpvobs.discovery.thresholds import COST, EFFECT_STEP, LEAST_LENGTH, SIZE_PASSES, START, STRETCH, STRONG
+from lpvobs.discovery.sizes import best_trial, blur, change_of, is_clear, slope_of
+from lpvobs.discovery.thresholds import COST, LEAST_LENGTH, START, STRETCH, STRONG
 from lpvobs.engines.effects import Effect
 from lpvobs.records import Array
 
@@ -73,21 +73,6 @@ def loss_of(linear: Linear) -> Array:
     return 0.5 * linear.by_block(left, left)
 
 
-def change_of(linear: Linear, effect: Effect, size: float) -> Array:
-    """Return how a further effect that acts all the time changes the residual, shape (2, B, K), not whitened."""
-    problem = linear.problem
-    if size == effect.null:
-        return np.zeros(linear.raw.shape)
-    scenes = tuple((on, effect.apply(s, size)) for on, s in linear.scenes)
-    return change_of_residual(problem, effect, linear.scenes, scenes, linear.theta, linear.from_signals)
-
-
-def slope_of(linear: Linear, effect: Effect, size: float, here: Array | None = None) -> Array:
-    """Return the derivative of that change by the size; `here` is the change at this size, if it is known."""
-    h = EFFECT_STEP * effect.size
-    return (change_of(linear, effect, size + h) - (change_of(linear, effect, size) if here is None else here)) / h
-
-
 def first_order(linear: Linear, effect: Effect, *intervals: tuple[float, float]) -> list[tuple[float, float]]:
     """Return gradient and information of an effect's size in each interval, with the residual taken as linear in it."""
     slope, found = slope_of(linear, effect, effect.null), []
@@ -124,48 +109,16 @@ def fit_candidate(
     """
     term = Term(effect, effect.null, begin, end) if like is None else replace(like, effect=effect)
     on = term.acts(linear.problem.clock).astype(float)
-    size = effect.null if size is None else size
-    best: tuple[float, float, Array, Array, Array, Array, float] = (-np.inf, float(size), on, on, on, on, 0.0)
-    for _ in range(SIZE_PASSES):
-        plain = change_of(linear, effect, size)
-        change = linear.whiten(plain * on)
-        products = linear.products(change)
-        answer = linear.project(products)
-        gain = -(
-            0.5 * dot(change, change)
-            + dot(change, linear.residual)
-            - 0.5 * products @ answer
-            - products @ linear.newton_step
-        )
-        if gain <= best[0]:
-            size = 0.5 * (size + best[1])
-            continue
-        slope = linear.whiten(slope_of(linear, effect, size, plain) * on)
-        against = linear.products(slope)
-        own = linear.project(against)
-        information = dot(slope, slope) - float(against @ own)
-        best = (float(gain), float(size), change, slope, answer, own, information)
-        gradient = dot(slope, linear.residual + change) - against @ (answer + linear.newton_step)
-        # Where the derivative is noise, as near the stall of the compressor, the effect may be told at twice the size.
-        step = -gradient / information if is_clear(linear, slope, information) else size - effect.null
-        new = float(np.clip(size + step, effect.low, effect.high))
-        if information > 0.0 and abs(new - size) * np.sqrt(information) < 1e-2:
-            break
-        size = new
-    most, size, change, slope, answer, own, information = best
-    left = linear.moved(linear.residual + change, answer + linear.newton_step)
-    information = max(information, 1e-9 * float(np.vdot(slope, slope)), 1e-300)
+    best = best_trial(linear, effect, effect.null if size is None else float(size), on)
+    slope, own = best.slope, best.answers[1]
+    left = linear.moved(linear.residual + best.change, best.answers[0] + linear.newton_step)
+    information = max(best.information, 1e-9 * float(np.vdot(slope, slope)), 1e-300)
     scores = linear.by_block(left, slope) - linear.products_by_block(left) @ own
     known = is_clear(linear, slope, information)
     clock = linear.problem.clock
     from_start = bool(np.isfinite(term.end)) and term.begin < clock[0] + START * (clock[-1] - clock[0])
-    weighed = _weighed(linear, replace(term, size=size), left, scores if known else None, information)
-    return Candidate(gain=most if known else 0.0, from_start=from_start, **weighed)
-
-
-def is_clear(linear: Linear, slope: Array, information: float) -> bool:
-    """Return whether the information about a size is more than the noise of its derivative."""
-    return bool(information > STRONG * np.sqrt(_blur(linear, slope).sum()))
+    weighed = _weighed(linear, replace(term, size=best.size), left, scores if known else None, information)
+    return Candidate(gain=best.gain if known else 0.0, from_start=from_start, **weighed)
 
 
 def _weighed(linear: Linear, term: Term, left: Array, scores: Array | None, information: float) -> dict[str, Any]:
@@ -239,19 +192,13 @@ def gains_of_intervals(linear: Linear, direction: Array) -> Array:
     power = linear.noise.ranges(direction, whitened, first)
     information = power - (own[None] + own[:, None] - 2.0 * gram)
     number = np.arange(S.size)
-    blur = np.concatenate([[0.0], np.cumsum(_blur(linear, whitened))])
+    noisy = np.concatenate([[0.0], np.cumsum(blur(linear, whitened))])
     usable = number[None] - number[:, None] >= LEAST_LENGTH
     least = 1e-6 * max(power[0, -1], 1e-300)
-    usable &= information > STRONG * np.sqrt(np.maximum(blur[None] - blur[:, None], 0.0)) + least
+    usable &= information > STRONG * np.sqrt(np.maximum(noisy[None] - noisy[:, None], 0.0)) + least
     gains = np.zeros(information.shape)
     gains[usable] = 0.5 * (S[None] - S[:, None])[usable] ** 2 / information[usable]
     return gains
-
-
-def _blur(linear: Linear, direction: Array) -> Array:
-    """Return the variance by block that noise gives to the power of a direction across views, shape (blocks,)."""
-    mean, difference = direction**2
-    return np.asarray(np.add.reduceat(((mean + difference) * difference).sum(0), linear.problem.first))
 
 
 def best_intervals(gains: Array) -> list[tuple[int, int]]:

@@ -109,8 +109,8 @@ def _gram(bare: Linear, near: Linear) -> Array:
     known, n = bare.p + bare.beta.size, bare.newton_step.size
     gram = np.zeros((n, n))
     gram[:known, :known] = near.gram[:known, :known]
-    for i in range(known, n):
-        gram[i] = gram[:, i] = bare.products(bare.columns[bare.u + i - known])
+    gram[known:] = bare.products(bare.columns[bare.u :])
+    gram[:, known:] = gram[known:].T
     return gram
 
 
@@ -233,8 +233,8 @@ def normal_of(linear: Linear, instants: NDArray[np.int64] | slice = slice(None))
         return own
     patterns, back = linear.problem.patterns.at(instants), linear.noise.dual
     on_map = on_nodes(nodes, patterns.times(back(linear.mapped)[:, instants]), linear.p)
-    with_own = [-patterns.sums(row) for row in back(linear.columns[:, 0])[..., instants]]
-    across = np.hstack([on_map, np.reshape(with_own, (len(with_own), len(patterns))).T])
+    with_own = -patterns.sums(back(linear.columns[:, 0])[..., instants])
+    across = np.hstack([on_map, with_own.T])
     whole = np.block([[own, across.T], [across, patterns.gram(linear.noise.precision[..., instants])]])
     begin, end = linear.p + linear.u, len(own)
     order = np.r_[:begin, end : len(whole), begin:end]  # effects come last

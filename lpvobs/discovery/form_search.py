@@ -9,19 +9,13 @@ import scipy
 from numpy.typing import NDArray
 
 from lpvobs.discovery import thresholds
-from lpvobs.discovery.evidence import (
-    Candidate,
-    best_first,
-    fit_candidate,
-    score,
-    slope_of,
-    with_best_interval,
-)
+from lpvobs.discovery.evidence import Candidate, best_first, fit_candidate, score, with_best_interval
 from lpvobs.discovery.fit import fit, linearised, objective, refit
 from lpvobs.discovery.forms import NAME, TIME, Factor, Form, along_problem, recorded_at, rms
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.places import moves
 from lpvobs.discovery.residual import Problem
+from lpvobs.discovery.sizes import slope_of
 from lpvobs.engines.effects import SENSOR, Effect
 from lpvobs.records import Array
 

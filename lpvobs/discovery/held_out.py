@@ -197,7 +197,7 @@ def _with_its_levels(
 def _with_patterns(columns: Array, raw: Array, weight: Array, patterns: Patterns) -> tuple[Array, Array]:
     """Return the products of weighted columns, shape (n, B, K), and of patterns, (n + m, n + m), and theirs with a residual."""
     flat = columns.reshape(-1, raw.size)
-    across = -np.reshape([patterns.sums(weight * row) for row in columns], (len(columns), len(patterns)))
+    across = -patterns.sums(weight * columns)
     own = patterns.gram(np.eye(len(weight))[:, :, None] * weight**2)
     gram = np.block([[flat @ flat.T, across], [across.T, own]])
     return gram, np.concatenate([flat @ raw.ravel(), -patterns.sums(weight * raw)])

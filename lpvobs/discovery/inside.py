@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 
 from lpvobs.discovery import thresholds
-from lpvobs.discovery.evidence import change_of, is_clear
 from lpvobs.discovery.fit import change_between, objective, with_term
 from lpvobs.discovery.forms import PREFIX, Factor, along_problem, parsed, unit_of
 from lpvobs.discovery.linear import Linear
+from lpvobs.discovery.sizes import change_of, is_clear
 from lpvobs.discovery.thresholds import PASSES
 from lpvobs.records import Array
 
@@ -30,7 +30,7 @@ def with_inside(linear: Linear, index: int, standard_error: float) -> tuple[floa
     spread = np.linalg.inv(known + 1e-9 * np.diag(np.abs(np.diag(known))))
     row = linear.row(index)
     alone = float(row[linear.p + linear.beta.size + index])
-    together = np.array([linear.products(column) @ row for column in columns])
+    together = linear.products(columns) @ row
     scale = standard_error / np.sqrt(alone)
     more = max(float(together @ spread @ together), 0.0)
     errors = scale * np.sqrt(np.maximum(np.diag(spread), 0.0))

@@ -11,16 +11,7 @@ import numpy as np
 from lpvobs.discovery.course_choice import best_course, finer, fit_course, is_worth, sharpened, timed_again
 from lpvobs.discovery.courses import GRADED, FactorSurface, can_be_graded
 from lpvobs.discovery.curves import curve_in_place_of, onset, surface_again
-from lpvobs.discovery.evidence import (
-    Candidate,
-    best_first,
-    fit_candidate,
-    in_place,
-    loss_of,
-    score,
-    slope_of,
-    with_best_interval,
-)
+from lpvobs.discovery.evidence import Candidate, best_first, fit_candidate, in_place, loss_of, score, with_best_interval
 from lpvobs.discovery.fit import fit, objective, refit, with_term, without
 from lpvobs.discovery.forms import cause_of, without_variants
 from lpvobs.discovery.inside import Number, with_inside
@@ -28,6 +19,7 @@ from lpvobs.discovery.known_effects import NINETY
 from lpvobs.discovery.linear import Linear, changed_by, dot
 from lpvobs.discovery.ranking import chance, is_proven, rank, rank_in
 from lpvobs.discovery.residual import Problem, Term
+from lpvobs.discovery.sizes import slope_of
 from lpvobs.discovery.thresholds import CLOSE, ONE_SIDED, PASSES, SHAPE, SHORTLIST, TIE
 from lpvobs.engines.effects import Effect
 
@@ -245,8 +237,10 @@ def error_of(linear: Linear, index: int, standard_error: float) -> tuple[float, 
 
 
 def _as_fitted(linear: Linear, bare: Linear, candidate: Candidate) -> Candidate:
-    """Return an effect with gain and losses of the model that has it."""
-    return replace(candidate, gain=objective(bare) - objective(linear), loss=loss_of(linear))
+    """Return an effect with losses of the model that has it, and what it gains there, less what a curve's coefficients cost."""
+    curve = candidate.term.curve
+    cost = 0.0 if curve is None else curve.cost
+    return replace(candidate, gain=objective(bare) - objective(linear) - cost, loss=loss_of(linear))
 
 
 def fits_as_well(best: Candidate, other: Candidate, problem: Problem) -> bool:

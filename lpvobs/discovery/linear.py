@@ -7,6 +7,7 @@ sum. A regressor built from noisy signals is therefore not attenuated, and a cle
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy
@@ -16,6 +17,7 @@ from lpvobs.compiled import njit
 from lpvobs.discovery.imbalances import Nodes, Scene, map_along, operating_nodes, residual_of, scenes_with
 from lpvobs.discovery.noise import Noise
 from lpvobs.discovery.residual import Problem, Term
+from lpvobs.engines.effects import Effect
 from lpvobs.records import Array
 
 
@@ -61,6 +63,11 @@ class Linear:
         """The number of unknowns that are neither nodes nor errors of a healthy engine."""
         return len(self.by_unknowns)
 
+    @cached_property
+    def changes(self) -> dict[tuple[Effect, float], Array]:
+        """How further effects of a size change the residual: `sizes.change_of` keeps them, for it is asked for some again."""
+        return {}
+
     def pinned_wrongly(self) -> NDArray[np.bool_]:
         """Return which pinned constants and sizes the gradient now pushes back into their range, shape (q + terms,)."""
         from_middle = [t.size - 0.5 * (t.effect.low + t.effect.high) for t in self.terms]
@@ -86,40 +93,49 @@ class Linear:
 
     def beside(self, columns: Array) -> tuple[Array, Array]:
         """Return the products of m whitened directions with the residual and with each other, (m, m), unknowns projected out."""
-        products = np.stack([self.products(column) for column in columns])
+        products = self.products(columns)
         mean, difference = columns.reshape(len(columns), 2, -1).swapaxes(0, 1)
         gradient = np.array([dot(column, self.residual) for column in columns]) - products @ self.newton_step
         return gradient, mean @ mean.T - difference @ difference.T - products @ self.project(products.T)
 
     def products(self, y: Array) -> Array:
-        """Return the products of a whitened vector with every unknown's column, shape (n,)."""
-        flat = self.columns.reshape(len(self.columns), 2, y[0].size)
-        own = flat[:, 0] @ y[0].ravel() - flat[:, 1] @ y[1].ravel()
-        whole = np.zeros(self.problem.K, dtype=np.int64)
-        return np.concatenate([self._on_map(y, whole, whole[:1])[0], self._ordered(own, self.problem.patterns.sums, y)])
+        """Return the products of whitened vectors, shape (..., 2, B, K), with every unknown's column, shape (..., n)."""
+        flat = y.reshape(-1, 2, self.mapped.size)
+        mean, difference = self.columns.reshape(-1, 2, self.mapped.size).swapaxes(0, 1)
+        own = flat[:, 0] @ mean.T - flat[:, 1] @ difference.T
+        if self.dense is not None:
+            on_map = -flat[:, 0] @ self.dense.reshape(self.p, -1).T
+        else:
+            first = flat[:, 0].reshape(-1, *self.mapped.shape)
+            on_map = on_nodes(self.nodes, -(self.mapped * first).sum(1), self.p)
+        healthy = self._of_healthy(self.problem.patterns.sums, y).reshape(len(flat), len(self.problem.patterns))
+        found = np.concatenate([on_map, own[:, : self.u], healthy, own[:, self.u :]], axis=1)
+        return np.asarray(found.reshape(*y.shape[:-3], found.shape[1]))
 
     def products_by_block(self, y: Array) -> Array:
-        """Return the same, block by block, shape (blocks, n)."""
+        """Return the same of one vector, block by block, shape (blocks, n)."""
         first = self.problem.first
-        return np.hstack([self._on_map(y, self.problem.block, first), np.add.reduceat(self.along(y), first, axis=1).T])
+        if self.dense is not None:
+            on_map = -np.add.reduceat(np.einsum("pbk,bk->pk", self.dense, y[0]), first, axis=1).T
+        else:
+            nodes = self.problem.block[:, None] * self.p + self.nodes[0], self.nodes[1]
+            on_map = on_nodes(nodes, -(self.mapped * y[0]).sum(0)[None], first.size * self.p).reshape(-1, self.p)
+        own = np.add.reduceat(self._own_along(y), first, axis=1).T
+        healthy = self._of_healthy(lambda values: self.problem.patterns.by_block(values, first), y)
+        return np.concatenate([on_map, own[:, : self.u], healthy, own[:, self.u :]], axis=1)
 
     def along(self, y: Array) -> Array:
         """Return the same at every place, without those of the map, shape (q + terms, K)."""
+        own, healthy = self._own_along(y), self._of_healthy(self.problem.patterns.times, y)
+        return np.concatenate([own[: self.u], healthy, own[self.u :]])
+
+    def _own_along(self, y: Array) -> Array:
         own = np.einsum("ibk,bk->ik", self.columns[:, 0], y[0]) - np.einsum("ibk,bk->ik", self.columns[:, 1], y[1])
-        return self._ordered(own, self.problem.patterns.times, y)
+        return np.asarray(own)
 
-    def _ordered(self, own: Array, of_patterns: Callable[[Array], Array], y: Array) -> Array:
-        """Return products in the order of the unknowns, those with the errors of a healthy engine in their place."""
-        if not len(self.problem.patterns):
-            return own
-        return np.concatenate([own[: self.u], -of_patterns(self.noise.dual(y[0])), own[self.u :]])
-
-    def _on_map(self, y: Array, block: NDArray[np.int64], first: NDArray[np.int64]) -> Array:
-        if self.dense is not None:
-            return -np.add.reduceat(np.einsum("pbk,bk->pk", self.dense, y[0]), first, axis=1).T
-        nodes = block[:, None] * self.p + self.nodes[0], self.nodes[1]
-        found = on_nodes(nodes, -(self.mapped * y[0]).sum(0)[None], first.size * self.p)
-        return np.asarray(found.reshape(first.size, self.p))
+    def _of_healthy(self, products: Callable[[Array], Array], y: Array) -> Array:
+        """Return the products with the errors of a healthy engine, as `Patterns` makes them of the first view."""
+        return -products(self.noise.dual(y[..., 0, :, :]) if len(self.problem.patterns) else y[..., 0, :, :])
 
     def along_stretches(self, direction: Array, whitened: Array) -> tuple[Array, Array]:
         """Return the products of a direction, stretch by stretch, with every column, (stretches, n), and with the residual.

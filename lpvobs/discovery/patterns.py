@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from lpvobs.compiled import njit
 from lpvobs.records import Array
 
 
@@ -29,8 +30,12 @@ class Patterns:
         return np.concatenate([shapes * row for shapes, row in zip(self.each, values, strict=True)])
 
     def sums(self, values: Array) -> Array:
-        """Return the sum of that product over the places, shape (m,)."""
-        return np.concatenate([shapes @ row for shapes, row in zip(self.each, values, strict=True)])
+        """Return the sums of that product over the places, with values of shape (..., B, K), shape (..., m)."""
+        return np.concatenate([values[..., b, :] @ shapes.T for b, shapes in enumerate(self.each)], axis=-1)
+
+    def by_block(self, values: Array, first: NDArray[np.int64]) -> Array:
+        """Return the same over blocks of places that begin at `first`, with values of shape (B, K), shape (blocks, m)."""
+        return np.hstack([_by_block(shapes, row, first) for shapes, row in zip(self.each, values, strict=True)])
 
     def gram(self, precision: Array) -> Array:
         """Return the products with each other, shape (m, m); `precision` is that of the balances at a place, (B, B, K)."""
@@ -46,6 +51,17 @@ class Patterns:
     def at(self, instants: NDArray[np.int64] | slice) -> "Patterns":
         """Return the same at some of the places."""
         return Patterns(tuple(shapes[:, instants] for shapes in self.each))
+
+
+@njit(cache=True)
+def _by_block(shapes, row, first):  # type: ignore[no-untyped-def]
+    """Return the sums by block of shapes, (m, K), times values, (K,), shape (blocks, m)."""
+    out = np.zeros((first.size, len(shapes)))
+    for i in range(len(shapes)):
+        for b in range(first.size):
+            for k in range(first[b], first[b + 1] if b + 1 < first.size else row.size):
+                out[b, i] += shapes[i, k] * row[k]
+    return out
 
 
 @dataclass(frozen=True)

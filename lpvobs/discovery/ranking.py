@@ -57,7 +57,9 @@ def rank(linear: Linear, effects: Sequence[Effect]) -> list[Candidate]:
 def rank_in(linear: Linear, effects: Sequence[Effect], begin: float = -np.inf, end: float = np.inf) -> list[Candidate]:
     """Return the most promising effects in an interval, best first."""
     expected = {effect: first_order_gain(linear, effect, begin, end) for effect in effects}
-    return best_first(fit_candidate(linear, effect, begin, end) for effect in _most_promising(expected))
+    least = thresholds.HOPELESS * max(expected.values(), default=0.0)
+    near = [effect for effect in _most_promising(expected) if expected[effect] >= least]
+    return best_first(fit_candidate(linear, effect, begin, end) for effect in near)
 
 
 def _most_promising(expected: Mapping[Effect, float]) -> list[Effect]:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy
 
-from lpvobs.discovery import evidence, healthy_learning
+from lpvobs.discovery import healthy_learning, sizes
 from lpvobs.discovery.course_choice import timed_again
 from lpvobs.discovery.evidence import fit_candidate
 from lpvobs.discovery.fit import fit
@@ -534,10 +534,10 @@ def test_an_effect_whose_derivative_is_noise_halfway_is_found_at_its_size(
     def too_steep(*given):
         return slope(*given) * (1.0 if calls else 3.0)  # so that the first step is a third of what it should be
 
-    slope = evidence.slope_of
-    monkeypatch.setattr(evidence, "_blur", blurred)
-    monkeypatch.setattr(evidence, "slope_of", too_steep)
-    monkeypatch.setattr(evidence, "SIZE_PASSES", 12)  # near the stall the steps are short
+    slope = sizes.slope_of
+    monkeypatch.setattr(sizes, "blur", blurred)
+    monkeypatch.setattr(sizes, "slope_of", too_steep)
+    monkeypatch.setattr(sizes, "SIZE_PASSES", 12)  # near the stall the steps are short
     anywhere = fit_candidate(linear, effect)
     assert anywhere.term.size == pytest.approx(1.02, abs=0.005)
     calls.clear()

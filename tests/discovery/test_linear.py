@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 
 from lpvobs.discovery import linear as linear_module
-from lpvobs.discovery.evidence import best_intervals, gains_of_intervals, in_place, loss_of, slope_of
+from lpvobs.discovery.evidence import best_intervals, gains_of_intervals, in_place, loss_of
 from lpvobs.discovery.fit import fit, normal_of, objective, pins, refit
 from lpvobs.discovery.held_out import compare, held_out_losses, undated
 from lpvobs.discovery.imbalances import views
 from lpvobs.discovery.linear import cancels, dot
 from lpvobs.discovery.patterns import Patterns
 from lpvobs.discovery.residual import Term
+from lpvobs.discovery.sizes import slope_of
 from lpvobs.discovery.thresholds import FOLDS, LEAST_LENGTH
 
 

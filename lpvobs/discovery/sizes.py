@@ -1,0 +1,110 @@
+"""The size of one effect that explains most beside map and constants, sought by Gauss-Newton steps."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from lpvobs.discovery.imbalances import change_of_residual
+from lpvobs.discovery.linear import Linear, dot
+from lpvobs.discovery.thresholds import EFFECT_STEP, SIZE_PASSES, STILL, STRAIGHT, STRONG
+from lpvobs.engines.effects import Effect
+from lpvobs.records import Array
+
+
+def change_of(linear: Linear, effect: Effect, size: float) -> Array:
+    """Return how a further effect that acts all the time changes the residual, shape (2, B, K), not whitened."""
+    if size == effect.null:
+        return np.zeros(linear.raw.shape)
+    known = linear.changes.get((effect, size))
+    if known is None:
+        scenes = tuple((on, effect.apply(s, size)) for on, s in linear.scenes)
+        known = change_of_residual(linear.problem, effect, linear.scenes, scenes, linear.theta, linear.from_signals)
+        known.setflags(write=False)
+        linear.changes[effect, size] = known
+    return known
+
+
+def slope_of(linear: Linear, effect: Effect, size: float, here: Array | None = None) -> Array:
+    """Return the derivative of that change by the size; `here` is the change at this size, if it is known."""
+    h = EFFECT_STEP * effect.size
+    return (change_of(linear, effect, size + h) - (change_of(linear, effect, size) if here is None else here)) / h
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """An effect at one size, with map and constants projected out."""
+
+    linear: Linear
+    size: float
+    change: Array  # (2, B, K) of the residual, whitened
+    slope: Array  # (2, B, K) its derivative by the size
+    products: Array  # (2, n) of both with the column of every unknown
+    answers: Array  # (2, n) the steps of the unknowns that answer these
+
+    @cached_property
+    def gain(self) -> float:
+        """By how much it lowers half the sum of squares."""
+        products, answer = self.products[0], self.answers[0]
+        alone = 0.5 * dot(self.change, self.change) + dot(self.change, self.linear.residual)
+        return float(0.5 * products @ answer + products @ self.linear.newton_step - alone)
+
+    @cached_property
+    def information(self) -> float:
+        """What the data say about the size, 1/unit^2."""
+        return dot(self.slope, self.slope) - float(self.products[1] @ self.answers[1])
+
+    @property
+    def step(self) -> float:
+        """The Gauss-Newton step of the size."""
+        answer = self.answers[0] + self.linear.newton_step
+        gradient = dot(self.slope, self.linear.residual + self.change) - float(self.products[1] @ answer)
+        return -gradient / self.information
+
+    def along(self, size: float) -> "Trial":
+        """Return it at another size, to which the change goes along a straight line."""
+        step = size - self.size
+        ahead = np.array([[1.0, step], [0.0, 1.0]])
+        change = self.change + step * self.slope
+        return replace(self, size=size, change=change, products=ahead @ self.products, answers=ahead @ self.answers)
+
+
+def _trial(linear: Linear, size: float, both: Array) -> Trial:
+    """Return an effect at a size from its change and slope, shape (2, 2, B, K), not whitened."""
+    white = linear.whiten(both)
+    products = linear.products(white)
+    return Trial(linear, size, white[0], white[1], products, linear.project(products.T).T)
+
+
+def best_trial(linear: Linear, effect: Effect, size: float, on: Array) -> Trial:
+    """Return an effect at the size, sought from a given one, at which it gains most; `on`, shape (K,), is where it acts."""
+    best, ahead = None, np.empty(0)
+    for _ in range(SIZE_PASSES):
+        plain = change_of(linear, effect, size)
+        if best is not None and np.abs(plain - ahead).max() <= STRAIGHT * np.abs(plain).max():
+            return max(best, best.along(size), key=lambda trial: trial.gain)
+        lean = slope_of(linear, effect, size, plain)
+        here = _trial(linear, size, np.stack([plain, lean]) * on)
+        if best is not None and here.gain <= best.gain:
+            size = 0.5 * (size + best.size)
+            continue
+        best = here
+        # Where the derivative is noise, as near the stall of the compressor, the effect may be told at twice the size.
+        step = here.step if is_clear(linear, here.slope, here.information) else size - effect.null
+        new = float(np.clip(size + step, effect.low, effect.high))
+        if here.information > 0.0 and (new - size) ** 2 * here.information < STILL:
+            break
+        size, ahead = new, plain + (new - size) * lean
+    assert best is not None
+    return best
+
+
+def is_clear(linear: Linear, slope: Array, information: float) -> bool:
+    """Return whether the information about a size is more than the noise of its derivative."""
+    return bool(information > STRONG * np.sqrt(blur(linear, slope).sum()))
+
+
+def blur(linear: Linear, direction: Array) -> Array:
+    """Return the variance by block that noise gives to the power of a direction across views, shape (blocks,)."""
+    mean, difference = direction**2
+    return np.asarray(np.add.reduceat(((mean + difference) * difference).sum(0), linear.problem.first))
