@@ -213,14 +213,16 @@ def finished(
     own = replace(in_place(linear, index, candidate), gain=float((loss_of(bare) - loss_of(linear)).sum()))
     like = _as_fitted(linear, bare, own)
     others = [e for e in problem.catalogue if e.id != own.id and (own.changes or not problem.absorbs(e))]
-    others += [e for e in forms if term.effect in forms and cause_of(e.id) != cause_of(own.id)]
+    others += [replace(e, apply=law) for e in others for law in e.laws]
+    others += [e for e in forms if cause_of(e.id) != cause_of(own.id)]
     if term.course is not None:
         able = [e for e in others if term.course.name not in GRADED or can_be_graded(e)]
         rivals = best_first(fit_course(bare, e, term.course) for e in able)
     else:
         rivals = rank_in(bare, others, term.begin, term.end)
+    once = [c for i, c in enumerate(rivals) if c.id not in {better.id for better in rivals[:i]}]
     beside = []
-    for rival in (*rivals[:SHORTLIST], *_in_its_place(linear, bare, index)):  # all unknowns fitted with it
+    for rival in (*once[:SHORTLIST], *_in_its_place(linear, bare, index)):  # all unknowns fitted with it
         there = with_term(linear, index, rival.term)
         beside.append(_as_fitted(there, bare, rival))
     alike = dict.fromkeys([own.id, *(c.id for c in beside if fits_as_well(like, c, problem))])

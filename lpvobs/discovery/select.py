@@ -14,7 +14,7 @@ from lpvobs.discovery.course_choice import comes_and_goes, on_courses, sharpened
 from lpvobs.discovery.evidence import Candidate, dated_again, fit_candidate
 from lpvobs.discovery.fit import fit, objective, refit, standard_errors, with_term, without
 from lpvobs.discovery.form_search import beside_forms, best_forms
-from lpvobs.discovery.forms import PREFIX
+from lpvobs.discovery.forms import PREFIX, parsed
 from lpvobs.discovery.held_out import Losses, compare, cross_validated
 from lpvobs.discovery.inside import settled
 from lpvobs.discovery.joint_choice import Accepted, at_its_end, choose_again, choose_all_again, finished
@@ -66,11 +66,11 @@ def select(problem: Problem, progress: Callable[[float], None] = lambda _: None)
     once: Once = cache(lambda work, *on: work(*on))
     search = _search(problem, progress, once)
     ranking = [*search.ranking, *_forms_of(search, once)[:1]] if len(problem.patterns) else search.ranking
-    nothing = chance_of_nothing(search.first, ranking)
+    nothing, named = chance_of_nothing(search.first, ranking), search.accepted
     # Where healthy drives tell how errors look, the probability of nothing is that of the verdict.
     if len(problem.patterns) and search.verdict != "effect":
         search = replace(search, verdict="unexplained" if nothing < thresholds.SIGNIFICANT else "none")
-    rival, clearly = _rival_form(search, once)
+    rival, clearly, as_good = _rival_form(search, once)
     if search.verdict == "unexplained" or rival is not None:
         leader = rival if clearly and nothing < thresholds.SIGNIFICANT else None
         search = _with_forms(problem, progress, once, search, leader)
@@ -81,8 +81,9 @@ def select(problem: Problem, progress: Callable[[float], None] = lambda _: None)
     errors = standard_errors(final)
     bare = _bare(final)
     effects = tuple(
-        finished(final, bare if len(accepted) == 1 else without(final, i), i, c, float(errors[i]), search.forms)
+        finished(final, bare if len(accepted) == 1 else without(final, i), i, c, float(errors[i]), forms)
         for i, c in enumerate(accepted)
+        for forms in [search.forms if c.id.startswith(PREFIX) else as_good if c in named else ()]
     )
     progress(1.0)
     ranking, leading = (_each_once(found) for found in (search.ranking, (*search.on_the_way, *search.ranking)))
@@ -97,25 +98,33 @@ def _each_once(found: Sequence[Candidate]) -> tuple[Candidate, ...]:
     return tuple(first.values())
 
 
-def _rival_form(search: _Search, once: Once) -> tuple[Candidate | None, bool]:
+def _rival_form(search: _Search, once: Once) -> tuple[Candidate | None, bool, tuple[Effect, ...]]:
     """Return the formula that explains the logs better than what was named, or no worse than several names do.
 
-    The second value is whether healthy drives tell that it explains clearly more, whatever the number of names.
+    The second value is whether healthy drives tell that it explains clearly more, whatever the number of names. The third are the
+    formulas that explain more than a single name by what their further numbers cost. They are listed beside it.
     """
     listed, learned = [c.id for c in search.accepted], len(search.first.problem.patterns) > 0
     channel = any(name.startswith("channel:") for name in listed)  # has as free a shape as a formula has
     rivals = _forms_of(search, once)[: thresholds.SHORTLIST] if listed and (learned or not channel) else ()
     if not rivals:
-        return None, False
+        return None, False, ()
     left, each = objective(search.linear), [objective(refit(search.linear, [c.term])) for c in rivals]
     best = rivals[int(np.argmin(each))]
     if not learned:  # noise drops out of both, and what they leave can be compared
         most = left * (thresholds.FORM_OVER_ONE if len(listed) == 1 else thresholds.FORM_OVER_MORE)
-        return best if min(each) < most else None, False
+        return best if min(each) < most else None, False, ()
+    as_good = _as_good(rivals, each, left) if len(listed) == 1 and not channel else ()
     # no cause has quite the catalogue's shape, and leaves that share to another one
     clear = max(thresholds.FORM_CLEAR, thresholds.SHAPE**2 * (objective(_bare(search.linear)) - left))
     most = left - clear if channel else left + (len(listed) - 2) * thresholds.FORM_CLEAR
-    return best if min(each) < most else None, min(each) < left - clear
+    return best if min(each) < most else None, min(each) < left - clear, as_good
+
+
+def _as_good(forms: Sequence[Candidate], each: Sequence[float], left: float) -> tuple[Effect, ...]:
+    """Return the formulas that leave less than a name does by what their further numbers cost; their search has no price here."""
+    costs = [thresholds.COST * (parsed(c.id).unknowns - 1) for c in forms]
+    return tuple(c.term.effect for c, own, cost in zip(forms, each, costs, strict=True) if own < left - cost)
 
 
 def _forms_of(search: _Search, once: Once) -> Sequence[Candidate]:

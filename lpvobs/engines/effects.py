@@ -95,6 +95,8 @@ class Effect:
     moves_point: bool = False  # whether it changes the operating point at which the map is read
     needs: tuple[str, ...] = ()  # channels without which a log cannot show it
     inside: Inside | None = None
+    # other laws that it may follow: it is not told from what explains the logs as well as one of them
+    laws: tuple[Change, ...] = ()
     # standard error of its size where the engine is not its model, as a share of the change: neither a bench nor healthy drives
     # show how the balances respond to it
     unlearned: float = 0.0

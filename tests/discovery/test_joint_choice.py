@@ -9,7 +9,7 @@ import pytest
 from lpvobs.discovery import joint_choice
 from lpvobs.discovery.courses import TracedCourse
 from lpvobs.discovery.evidence import _told, fit_candidate, in_place
-from lpvobs.discovery.fit import fit, standard_errors
+from lpvobs.discovery.fit import fit, standard_errors, without
 from lpvobs.discovery.inside import settled, with_inside
 from lpvobs.discovery.joint_choice import at_its_end
 from lpvobs.discovery.known_effects import NINETY
@@ -53,6 +53,22 @@ def test_others_at_the_place_of_an_effect_are_sought_from_where_they_change_the_
         assert found == []
     else:
         assert found == [("p_im.gain", pytest.approx(1.0 + 1970.0 / clean["p_im"].mean(), abs=0.002))]
+
+
+@pytest.mark.slow
+def test_a_leak_is_not_told_from_a_gain_by_what_the_error_of_the_sensor_does(laid_out, plant, clean):
+    """Nobody knows whether the sensor's error falls with the flow that a leak takes. An inlet leak was `maf.gain` alone."""
+    W = clean["W_maf"]
+    late = replace(clean, channels={**clean.channels, "W_maf": W * np.where(clean.time < ONSET, 1.0, 0.94)})
+    problem = laid_out(late)
+    gain = plant.effect("maf.gain")
+    linear = fit(problem, [Term(gain, 0.94, ONSET)])
+    own = in_place(linear, 0, fit_candidate(without(linear, 0), gain, ONSET))
+    found = joint_choice.finished(linear, without(linear, 0), 0, own, 0.01, ())
+    assert "leak.inlet" in found.indistinguishable
+    told = tuple(replace(effect, laws=()) for effect in plant.catalogue)
+    alone = replace(linear, problem=replace(problem, model=replace(plant, catalogue=told)))
+    assert "leak.inlet" not in joint_choice.finished(alone, without(alone, 0), 0, own, 0.01, ()).indistinguishable
 
 
 @pytest.mark.slow

@@ -10,7 +10,7 @@ from lpvobs.discovery import form_search, ranking, select
 from lpvobs.discovery.evidence import Candidate
 from lpvobs.discovery.patterns import Seeming
 from lpvobs.discovery.ranking import chance, is_proven
-from lpvobs.discovery.thresholds import LEAST_LENGTH
+from lpvobs.discovery.thresholds import COST, LEAST_LENGTH
 
 
 def judged(gain, told, degrees=np.inf, candidates=20, blocks=1, begin=-np.inf):
@@ -74,11 +74,28 @@ def test_a_formula_rivals_what_is_named_where_it_explains_enough(monkeypatch, na
     monkeypatch.setattr(select, "objective", lambda linear: linear)
     monkeypatch.setattr(select, "_bare", lambda _: nothing)
     monkeypatch.setattr(select, "refit", lambda _, terms: terms[0])
-    found, is_clear = select._rival_form(search, None)
+    monkeypatch.setattr(select, "_as_good", lambda *_: ("as good",))
+    found, is_clear, as_good = select._rival_form(search, None)
+    assert as_good == (("as good",) if names == ["leak.inlet"] else ())  # beside one name alone
     if nothing == 1000.0:  # SHAPE^2 * 900 = 110: more than all that is left
         rival, clearly = rival and not names[0].startswith("channel:"), False
     assert found is (best if rival else None)
     assert is_clear == clearly
+
+
+def test_a_formula_is_listed_beside_a_name_where_it_pays_for_its_further_numbers():
+    """A housing that warmed up was `maf.drift` alone, although a formula with the coolant's temperature explained more."""
+    forms = [
+        SimpleNamespace(id=f"form:W_maf ~ W_maf * {product}", term=SimpleNamespace(effect=product))
+        for product in ("T_coolant", "(T_coolant - 337 K)", "(lag(T_coolant, 80 s) - 337 K)")
+    ]
+    left, below = (
+        400.0,
+        COST + 1.0,
+    )  # a coefficient and a factor, and a reference, and a lag: one, two, three further numbers
+    assert select._as_good(forms, [left - below] * 3, left) == ("T_coolant",)
+    assert select._as_good(forms, [left - 2.0 * below] * 3, left) == ("T_coolant", "(T_coolant - 337 K)")
+    assert len(select._as_good(forms, [left - 3.0 * below] * 3, left)) == 3
 
 
 @pytest.mark.parametrize(

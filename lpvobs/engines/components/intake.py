@@ -248,8 +248,13 @@ def on_the_intake(unfilled: Callable[[AsFound, Signals], Array]) -> Mapping[str,
         passed = (s[SENSOR] - unfilled(s.constants, s)) / (1.0 + share) if s.error is None else s[SENSOR] - s.error
         return s.corrected(SENSOR, s[SENSOR] + share * np.maximum(passed, 0.0))
 
+    def with_error(s: Signals, area: float) -> Array:
+        """Return reading over flow where the sensor's error falls with what passes it, by the same share."""
+        return np.asarray(1.0 / (1.0 + shared.past_the_filter(s, area, s.constants.constants.R_a)))
+
+    laws = (shared.reading(with_error),)
     found = (
-        Effect("leak.inlet", "area", "m^2", 0.0, 3e-5, -3e-5, 5e-4, "sensor", bypass, ALTITUDE, True),
+        Effect("leak.inlet", "area", "m^2", 0.0, 3e-5, -3e-5, 5e-4, "sensor", bypass, ALTITUDE, True, laws=laws),
         fuel_gain("u_delta.gain", "u_delta"),
         Effect("p_im.offset", "offset", "Pa", 0.0, 1e3, -2e4, 2e4, "p_im", offset("p_im"), BOOST),
         Effect("p_im.gain", "factor", "1", 1.0, 0.01, 0.7, 1.3, "p_im", gain("p_im"), BOOST),
