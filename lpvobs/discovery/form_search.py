@@ -226,7 +226,7 @@ def _library(problem: Problem) -> _Products:
     dynamic += [Factor(name, "lag", tau) for name in names[:-1] for tau in thresholds.FORM_LAGS]
     factors = (*(Factor(name) for name in names), *dynamic)
     count = 2.0 * len(problem.measured) * len(names) * len(factors)
-    pool = max(1, int(0.5 * thresholds.FORM_CALM / problem.spacing))
+    pool = max(1, int(thresholds.FORM_CALM / problem.spacing))
     first = np.flatnonzero((np.diff(problem.of_log, prepend=-1) != 0) | (np.arange(problem.K) % pool == 0))
     return _Products(problem, first, names, factors, count)
 

@@ -304,7 +304,7 @@ NOTABLE = 0.15
 # --- What a formula may be ---------------------------------------------------------------------------------------------------
 FORM_CALM = 1.0
 """[s] Time over which the channels of a form, and the rates of a channel, are averaged; the first screening of forms takes means
-over half of it. Set by choice: their noise would weaken every product, and what a form describes lasts longer."""
+over as long. Set by choice: their noise would weaken every product, and what a form describes lasts longer."""
 FORM_LAGS = (5.0, 10.0, 20.0, 40.0, 80.0, 160.0, 320.0)
 """[s] Time constants that the search starts from. Set by trial: at four times apart a housing of 40 s that follows the exhaust was
 taken for one that follows the fuel; the best are refined to a twenty-fifth."""
