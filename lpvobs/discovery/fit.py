@@ -269,8 +269,8 @@ def standard_errors(linear: Linear) -> Array:
     window, the other grows. The same model is therefore fitted through windows of another width, and half the squared difference
     of the two sizes is the variance between windows, as for two draws of one random effect.
 
-    Where healthy drives tell, how far their sizes vary is part of the variance, and so is `Effect.unlearned`. Where the engine's
-    curves are learned, a size may be off by the share `RESPONSE`, too.
+    Where healthy drives tell, how far their sizes vary is part of the variance. There, and where the engine's curves are learned, a
+    size may be off by the share `RESPONSE` of its change, or by `Effect.unlearned` if that is more.
 
     The variance between windows has a single degree of freedom, the others have those of the stretches. The quantile is Student's
     with the degrees of freedom of the sum (Satterthwaite). The standard error is scaled so that the normal quantile gives the
@@ -282,9 +282,8 @@ def standard_errors(linear: Linear) -> Array:
     free = replace(linear, factor=cholesky(linear.normal - pins(linear)))
     within = np.array([_variance(linear, free.row(i), prior, i) for i in range(len(linear.terms))])
     within += [linear.problem.seems(term, 1.0 / own) * own for term, own in zip(linear.terms, within, strict=True)]
-    share = 0.0 if linear.problem.model.healthy is None else RESPONSE
-    learned = share > 0.0 or len(linear.problem.patterns) > 0
-    off = [max(share, term.effect.unlearned) if learned else 0.0 for term in linear.terms]
+    learned = linear.problem.model.healthy is not None or len(linear.problem.patterns) > 0
+    off = [max(RESPONSE, term.effect.unlearned) if learned else 0.0 for term in linear.terms]
     within += [(own * (term.size - term.effect.null)) ** 2 for own, term in zip(off, linear.terms, strict=True)]
     return np.sqrt(widened(within, max(linear.problem.coarse_blocks - 1.0, 1.0), 0.5 * between_windows(linear) ** 2))
 

@@ -253,9 +253,9 @@ square is the share of a gain that decides nothing. A further effect must be pro
 may differ so. Set by trial on drives of another structure: a sensor that reads 9 % too little was told from an inlet leak by a
 ninth of the gain, wrongly."""
 RESPONSE = 0.07
-"""[1] Share by which a size may be off where the engine's curves are learned: their slopes, and the laws of the catalogue, are not
-quite the engine's. Set by sizes on altered drives of the blind banks 9647 and 68529: with 0.07 to 0.1, 85 to 94 % of the
-intervals hold."""
+"""[1] Share by which a size may be off where the engine is not the model: what was learned of it, and the laws of the catalogue,
+are not quite its own. Set by sizes on altered drives of the blind banks 9647 and 68529: with 0.07 to 0.1, 85 to 94 % of the
+intervals hold. Held by seed 900352 of the second bank: 92 % of 150 hold, 81 % without it."""
 SLOWEST = 0.055
 """[s] Sample spacing up to which a residual without a name says something of the engine. Set by clean logs on all cycles: none at
 20 and 50 Hz leaves a residual; at 10 and 5 Hz every cycle does, the windows that hold enough samples blur fast transients; half

@@ -43,7 +43,7 @@ def test_the_choice_of_window_is_part_of_it(stepped):
 
 @pytest.mark.parametrize(
     ("told", "added"),
-    [("by its logs", np.sqrt(0.25**2 - RESPONSE**2)), ("by healthy drives", 0.25), ("not", 0.0)],
+    [*((how, np.sqrt(0.25**2 - RESPONSE**2)) for how in ("by its logs", "by healthy drives")), ("not", 0.0)],
 )
 def test_a_response_that_nothing_shows_is_part_of_it_where_the_engine_is_not_its_model(
     stepped, monkeypatch, told, added
