@@ -7,7 +7,6 @@ sum. A regressor built from noisy signals is therefore not attenuated, and a cle
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 import scipy
@@ -17,7 +16,6 @@ from lpvobs.compiled import njit
 from lpvobs.discovery.imbalances import Nodes, Scene, map_along, operating_nodes, residual_of, scenes_with
 from lpvobs.discovery.noise import Noise
 from lpvobs.discovery.residual import Problem, Term
-from lpvobs.engines.effects import Effect
 from lpvobs.records import Array
 
 
@@ -62,11 +60,6 @@ class Linear:
     def u(self) -> int:
         """The number of unknowns that are neither nodes nor errors of a healthy engine."""
         return len(self.by_unknowns)
-
-    @cached_property
-    def changes(self) -> dict[tuple[Effect, float], Array]:
-        """How further effects of a size change the residual: `sizes.change_of` keeps them, for it is asked for some again."""
-        return {}
 
     def pinned_wrongly(self) -> NDArray[np.bool_]:
         """Return which pinned constants and sizes the gradient now pushes back into their range, shape (q + terms,)."""

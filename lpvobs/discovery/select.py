@@ -28,6 +28,7 @@ from lpvobs.discovery.ranking import (
     structure,
 )
 from lpvobs.discovery.residual import Problem, Term
+from lpvobs.discovery.sizes import change_of
 from lpvobs.engines.effects import Effect
 
 Once = Callable[..., Any]  # returns what work on the same objects gives, or gave before
@@ -83,8 +84,9 @@ def select(problem: Problem, progress: Callable[[float], None] = lambda _: None)
     effects = tuple(
         finished(final, bare if len(accepted) == 1 else without(final, i), i, c, float(errors[i]), forms)
         for i, c in enumerate(accepted)
-        for forms in [search.forms if c.id.startswith(PREFIX) else as_good if c in named else ()]
+        for forms in [search.forms if final.terms[i].effect in search.forms else as_good if c in named else ()]
     )
+    change_of.cache_clear()
     progress(1.0)
     ranking, leading = (_each_once(found) for found in (search.ranking, (*search.on_the_way, *search.ranking)))
     return Selection(search.verdict, effects, bare, final, losses, ranking, nothing, leading)

@@ -1,7 +1,7 @@
 """The size of one effect that explains most beside map and constants, sought by Gauss-Newton steps."""
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -11,18 +11,18 @@ from lpvobs.discovery.thresholds import EFFECT_STEP, SIZE_PASSES, STILL, STRAIGH
 from lpvobs.engines.effects import Effect
 from lpvobs.records import Array
 
+KEPT = 64  # changes of the residual that are kept at most: an effect is tried on several intervals from one size
 
+
+@lru_cache(KEPT)
 def change_of(linear: Linear, effect: Effect, size: float) -> Array:
     """Return how a further effect that acts all the time changes the residual, shape (2, B, K), not whitened."""
-    if size == effect.null:
-        return np.zeros(linear.raw.shape)
-    known = linear.changes.get((effect, size))
-    if known is None:
+    found = np.zeros(linear.raw.shape)
+    if size != effect.null:
         scenes = tuple((on, effect.apply(s, size)) for on, s in linear.scenes)
-        known = change_of_residual(linear.problem, effect, linear.scenes, scenes, linear.theta, linear.from_signals)
-        known.setflags(write=False)
-        linear.changes[effect, size] = known
-    return known
+        found = change_of_residual(linear.problem, effect, linear.scenes, scenes, linear.theta, linear.from_signals)
+    found.setflags(write=False)  # it is kept
+    return found
 
 
 def slope_of(linear: Linear, effect: Effect, size: float, here: Array | None = None) -> Array:
