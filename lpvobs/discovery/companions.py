@@ -39,10 +39,13 @@ def _gained(before: Linear, after: Linear) -> tuple[float, Losses]:
     an outlier tells no more than that, for or against the effect.
     """
     losses = cross_validated(before, after)
+    tells = losses.counted & after.problem.shown.any(
+        axis=0
+    )  # an instant without a balance says nothing of the usual one
     at_each = losses.before - losses.after - noise_power(before) + noise_power(after)
-    most = thresholds.OUTLIER**2 * np.median(losses.after[losses.counted]) if losses.counted.any() else 0.0
+    most = thresholds.OUTLIER**2 * np.median(losses.after[tells]) if tells.any() else 0.0
     told = np.where(losses.after > most, np.clip(at_each, -most, most), at_each)
-    return float(told[losses.counted].sum()), losses
+    return float(told[tells].sum()), losses
 
 
 def _is_of_its_own(linear: Linear, newest: Candidate, gained: float) -> bool:
