@@ -118,7 +118,9 @@ def fit_candidate(
     clock = linear.problem.clock
     from_start = bool(np.isfinite(term.end)) and term.begin < clock[0] + START * (clock[-1] - clock[0])
     weighed = _weighed(linear, replace(term, size=best.size), left, scores if known else None, information)
-    return Candidate(gain=best.gain if known else 0.0, from_start=from_start, **weighed)
+    # Its gain may be told even where the derivative is noise at this very size.
+    gain = best.gain if known or is_clear(linear, best.change, best.power) else 0.0
+    return Candidate(gain=gain, from_start=from_start, **weighed)
 
 
 def _weighed(linear: Linear, term: Term, left: Array, scores: Array | None, information: float) -> dict[str, Any]:

@@ -152,17 +152,20 @@ def objective(linear: Linear) -> float:
 
 
 def converged(linear: Linear) -> Linear:
-    """Return the model at its optimum with the weights that it has."""
+    """Return the model with the weights that it has at its optimum, or where no length of a step lowers the sum of squares."""
     for step in range(1, MOST_STEPS + 1):
         free = np.concatenate([np.ones(linear.p, dtype=bool), ~linear.pinned])
         if float(linear.newton_step[free] @ linear.gradient[free]) < STILL and not linear.pinned_wrongly().any():
             break
-        linear = _downhill(linear, linear if step % ANEW else None)
+        there = _downhill(linear, linear if step % ANEW else None)
+        if there is None:
+            break
+        linear = there
     return linear
 
 
-def _downhill(linear: Linear, near: Linear | None) -> Linear:
-    """Return the model after a step, halved while it raises the sum of squares.
+def _downhill(linear: Linear, near: Linear | None) -> Linear | None:
+    """Return the model after a step, halved while it raises the sum of squares; None where every length raises it.
 
     A step that pins something, or lets it go, may raise it: only the next one is right for all others.
     """
@@ -170,8 +173,8 @@ def _downhill(linear: Linear, near: Linear | None) -> Linear:
     for halvings in range(MOST_HALVINGS):
         there = _stepped(linear, near, 0.5**halvings)
         if objective(there) <= most or not np.array_equal(there.pinned, linear.pinned):
-            break
-    return there
+            return there
+    return None
 
 
 def _stepped(linear: Linear, near: Linear | None, share: float = 1.0) -> Linear:

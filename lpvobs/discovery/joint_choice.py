@@ -139,20 +139,22 @@ def choose_all_again(linear: Linear, accepted: tuple[Candidate, ...]) -> tuple[L
 def _joint_best(linear: Linear, newest: Candidate, ranked: Sequence[Candidate]) -> Candidate:
     """Return the newest effect or a close rival: the one that gains most when all unknowns are fitted with it."""
     # The residual is not linear in a large effect, so the newest is tried whatever its own score. Each effect is tried on
-    # its best interval and on the whole logs.
-    others = linear.terms[:-1]
-    newest = replace(newest, term=linear.terms[-1])
+    # its best interval and on the whole logs, the newest on the interval that it has as well.
+    others, own = linear.terms[:-1], linear.terms[-1]
     close: dict[tuple[Effect, bool, bool], Candidate] = {}
-    for candidate in [newest, *ranked]:
-        if candidate is newest or score(candidate) > CLOSE * score(ranked[0]):
-            ends = bool(np.isfinite(candidate.term.begin)), bool(np.isfinite(candidate.term.end))
-            close.setdefault((candidate.term.effect, *ends), candidate)
-    if len(close) == 1:
+    for candidate in ranked:
+        term = candidate.term
+        same = (term.effect, term.begin, term.end) == (own.effect, own.begin, own.end)
+        if not same and score(candidate) > CLOSE * score(ranked[0]):
+            ends = bool(np.isfinite(term.begin)), bool(np.isfinite(term.end))
+            close.setdefault((term.effect, *ends), candidate)
+    newest = replace(newest, term=own)
+    if not close:
         return newest
     bare = objective(refit(linear, others))
     joint = [
         (score(found), candidate)
-        for candidate in close.values()
+        for candidate in (newest, *close.values())
         if (found := _jointly(linear, others, candidate, bare))
     ]
     return max(joint, key=lambda each: each[0], default=(0.0, newest))[1]

@@ -55,6 +55,11 @@ class Trial:
         return dot(self.slope, self.slope) - float(self.products[1] @ self.answers[1])
 
     @property
+    def power(self) -> float:
+        """What the data say about the change itself: as information, with the change for the slope."""
+        return dot(self.change, self.change) - float(self.products[0] @ self.answers[0])
+
+    @property
     def step(self) -> float:
         """The Gauss-Newton step of the size."""
         answer = self.answers[0] + self.linear.newton_step

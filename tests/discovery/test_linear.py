@@ -6,16 +6,19 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from lpvobs.discovery import evidence
+from lpvobs.discovery import fit as fit_module
 from lpvobs.discovery import linear as linear_module
 from lpvobs.discovery.evidence import best_intervals, gains_of_intervals, in_place, loss_of
-from lpvobs.discovery.fit import fit, normal_of, objective, pins, refit
+from lpvobs.discovery.fit import converged, fit, linearised, normal_of, objective, pins, refit
 from lpvobs.discovery.held_out import compare, held_out_losses, undated
 from lpvobs.discovery.imbalances import views
 from lpvobs.discovery.linear import cancels, dot
+from lpvobs.discovery.noise import first_noise
 from lpvobs.discovery.patterns import Patterns
 from lpvobs.discovery.residual import Term
-from lpvobs.discovery.sizes import slope_of
-from lpvobs.discovery.thresholds import FOLDS, LEAST_LENGTH
+from lpvobs.discovery.sizes import best_trial, slope_of
+from lpvobs.discovery.thresholds import FOLDS, LEAST_LENGTH, MOST_HALVINGS, STILL
 
 
 def test_noise_that_two_factors_share_drops_out_of_their_product():
@@ -53,6 +56,27 @@ def test_whitened_residual_has_unit_variance(linear):
     assert np.all(
         (power > 0.7) & (power < 1.3)
     )  # pooled over neighbouring cells: near one in each balance, not exactly
+
+
+def test_a_fit_ends_where_no_length_of_a_step_lowers_the_sum_of_squares(laid_out, clean, monkeypatch):
+    """Noise in a pressure bends the flow through a nearly closed valve; a fit took twelve steps uphill."""
+    problem, tried = laid_out(clean), []
+    begun = linearised(problem, (), problem.prior.mean, np.zeros(problem.spread.size), first_noise(problem))
+    monkeypatch.setattr(fit_module, "_stepped", lambda linear, _, share: tried.append(share) or linear)
+    monkeypatch.setattr(fit_module, "objective", lambda _: float(len(tried)) * (2.0 * STILL))
+    assert converged(begun) is begun
+    assert tried == [0.5**i for i in range(MOST_HALVINGS)]
+
+
+@pytest.mark.parametrize("told", ["slope", "change", "none"])
+def test_a_gain_is_told_by_the_derivative_or_by_the_change_itself(linear, plant, monkeypatch, told):
+    """A pressure 2.6 % too high gained most of all and was not looked at: the derivative at one size was noise."""
+    trials = []
+    monkeypatch.setattr(evidence, "best_trial", lambda *on: trials.append(best_trial(*on)) or trials[-1])
+    monkeypatch.setattr(evidence, "is_clear", lambda _, direction, __: direction is getattr(trials[-1], told, None))
+    found = evidence.fit_candidate(linear, plant.effect("p_im.gain"), size=1.01)
+    assert trials[-1].gain != 0.0
+    assert found.gain == (0.0 if told == "none" else trials[-1].gain)
 
 
 def test_the_optimum_needs_no_further_step(linear):
