@@ -61,6 +61,15 @@ class _Search:
     forms: tuple[Effect, ...] = ()  # that came near in the first round, each perhaps of another place
 
 
+@dataclass(frozen=True)
+class _Rivals:
+    """Formulas that explain the logs better than what was named, or no worse than several names do."""
+
+    best: Candidate | None = None
+    clearly: bool = False  # whether healthy drives tell that it explains clearly more, whatever the number of names
+    as_good: tuple[Effect, ...] = ()  # explain more than a single name by what their further numbers cost; listed beside it
+
+
 def select(problem: Problem, progress: Callable[[float], None] = lambda _: None) -> Selection:
     """Return the effects that the logs prove, or the verdict that there are none or that something stays unexplained."""
     # The search with formulas takes the steps of the first one where none of them leads.
@@ -71,9 +80,9 @@ def select(problem: Problem, progress: Callable[[float], None] = lambda _: None)
     # Where healthy drives tell how errors look, the probability of nothing is that of the verdict.
     if len(problem.patterns) and search.verdict != "effect":
         search = replace(search, verdict="unexplained" if nothing < thresholds.SIGNIFICANT else "none")
-    rival, clearly, as_good = _rival_form(search, once)
-    if search.verdict == "unexplained" or rival is not None:
-        leader = rival if clearly and nothing < thresholds.SIGNIFICANT else None
+    rivals = _rival_forms(search, once)
+    if search.verdict == "unexplained" or rivals.best is not None:
+        leader = rivals.best if rivals.clearly and nothing < thresholds.SIGNIFICANT else None
         search = _with_forms(problem, progress, once, search, leader)
     accepted = search.accepted
     losses = compare(_bare(search.linear), search.linear)
@@ -84,7 +93,7 @@ def select(problem: Problem, progress: Callable[[float], None] = lambda _: None)
     effects = tuple(
         finished(final, bare if len(accepted) == 1 else without(final, i), i, c, float(errors[i]), forms)
         for i, c in enumerate(accepted)
-        for forms in [search.forms if final.terms[i].effect in search.forms else as_good if c in named else ()]
+        for forms in [search.forms if final.terms[i].effect in search.forms else rivals.as_good if c in named else ()]
     )
     change_of.cache_clear()
     progress(1.0)
@@ -100,27 +109,23 @@ def _each_once(found: Sequence[Candidate]) -> tuple[Candidate, ...]:
     return tuple(first.values())
 
 
-def _rival_form(search: _Search, once: Once) -> tuple[Candidate | None, bool, tuple[Effect, ...]]:
-    """Return the formula that explains the logs better than what was named, or no worse than several names do.
-
-    The second value is whether healthy drives tell that it explains clearly more, whatever the number of names. The third are the
-    formulas that explain more than a single name by what their further numbers cost. They are listed beside it.
-    """
+def _rival_forms(search: _Search, once: Once) -> _Rivals:
+    """Return the formulas of the first round that rival what a search has named."""
     listed, learned = [c.id for c in search.accepted], len(search.first.problem.patterns) > 0
     channel = any(name.startswith("channel:") for name in listed)  # has as free a shape as a formula has
     rivals = _forms_of(search, once)[: thresholds.SHORTLIST] if listed and (learned or not channel) else ()
     if not rivals:
-        return None, False, ()
+        return _Rivals()
     left, each = objective(search.linear), [objective(refit(search.linear, [c.term])) for c in rivals]
     best = rivals[int(np.argmin(each))]
     if not learned:  # noise drops out of both, and what they leave can be compared
         most = left * (thresholds.FORM_OVER_ONE if len(listed) == 1 else thresholds.FORM_OVER_MORE)
-        return best if min(each) < most else None, False, ()
+        return _Rivals(best if min(each) < most else None)
     as_good = _as_good(rivals, each, left) if len(listed) == 1 and not channel else ()
     # no cause has quite the catalogue's shape, and leaves that share to another one
     clear = max(thresholds.FORM_CLEAR, thresholds.SHAPE**2 * (objective(_bare(search.linear)) - left))
     most = left - clear if channel else left + (len(listed) - 2) * thresholds.FORM_CLEAR
-    return best if min(each) < most else None, min(each) < left - clear, as_good
+    return _Rivals(best if min(each) < most else None, min(each) < left - clear, as_good)
 
 
 def _as_good(forms: Sequence[Candidate], each: Sequence[float], left: float) -> tuple[Effect, ...]:

@@ -75,12 +75,12 @@ def test_a_formula_rivals_what_is_named_where_it_explains_enough(monkeypatch, na
     monkeypatch.setattr(select, "_bare", lambda _: nothing)
     monkeypatch.setattr(select, "refit", lambda _, terms: terms[0])
     monkeypatch.setattr(select, "_as_good", lambda *_: ("as good",))
-    found, is_clear, as_good = select._rival_form(search, None)
-    assert as_good == (("as good",) if names == ["leak.inlet"] else ())  # beside one name alone
+    found = select._rival_forms(search, None)
+    assert found.as_good == (("as good",) if names == ["leak.inlet"] else ())  # beside one name alone
     if nothing == 1000.0:  # SHAPE^2 * 900 = 110: more than all that is left
         rival, clearly = rival and not names[0].startswith("channel:"), False
-    assert found is (best if rival else None)
-    assert is_clear == clearly
+    assert found.best is (best if rival else None)
+    assert found.clearly == clearly
 
 
 def test_a_formula_is_listed_beside_a_name_where_it_pays_for_its_further_numbers():
