@@ -110,6 +110,8 @@ def fit_candidate(
     term = Term(effect, effect.null, begin, end) if like is None else replace(like, effect=effect)
     on = term.acts(linear.problem.clock).astype(float)
     best = best_trial(linear, effect, effect.null if size is None else float(size), on)
+    if best.size != effect.null and not is_clear(linear, best.slope, best.information):
+        best = best.from_none(effect.null)
     slope, own = best.slope, best.answers[1]
     left = linear.moved(linear.residual + best.change, best.answers[0] + linear.newton_step)
     information = max(best.information, 1e-9 * float(np.vdot(slope, slope)), 1e-300)
@@ -118,9 +120,7 @@ def fit_candidate(
     clock = linear.problem.clock
     from_start = bool(np.isfinite(term.end)) and term.begin < clock[0] + START * (clock[-1] - clock[0])
     weighed = _weighed(linear, replace(term, size=best.size), left, scores if known else None, information)
-    # Its gain may be told even where the derivative is noise at this very size.
-    gain = best.gain if known or is_clear(linear, best.change, best.power) else 0.0
-    return Candidate(gain=gain, from_start=from_start, **weighed)
+    return Candidate(gain=best.gain if known else 0.0, from_start=from_start, **weighed)
 
 
 def _weighed(linear: Linear, term: Term, left: Array, scores: Array | None, information: float) -> dict[str, Any]:

@@ -67,7 +67,7 @@ class _Rivals:
 
     best: Candidate | None = None
     clearly: bool = False  # whether healthy drives tell that it explains clearly more, whatever the number of names
-    as_good: tuple[Effect, ...] = ()  # explain more than a single name by what their further numbers cost; listed beside it
+    as_good: tuple[Effect, ...] = ()  # listed beside a single name: explain more by what further numbers cost
 
 
 def select(problem: Problem, progress: Callable[[float], None] = lambda _: None) -> Selection:

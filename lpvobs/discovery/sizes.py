@@ -55,11 +55,6 @@ class Trial:
         return dot(self.slope, self.slope) - float(self.products[1] @ self.answers[1])
 
     @property
-    def power(self) -> float:
-        """What the data say about the change itself: as information, with the change for the slope."""
-        return dot(self.change, self.change) - float(self.products[0] @ self.answers[0])
-
-    @property
     def step(self) -> float:
         """The Gauss-Newton step of the size."""
         answer = self.answers[0] + self.linear.newton_step
@@ -72,6 +67,12 @@ class Trial:
         ahead = np.array([[1.0, step], [0.0, 1.0]])
         change = self.change + step * self.slope
         return replace(self, size=size, change=change, products=ahead @ self.products, answers=ahead @ self.answers)
+
+    def from_none(self, null: float) -> "Trial":
+        """Return it with the whole change for the slope, which is clear where the derivative at this very size is noise."""
+        whole = 1.0 / (self.size - null)
+        products, answers = (np.stack([both[0], whole * both[0]]) for both in (self.products, self.answers))
+        return replace(self, slope=whole * self.change, products=products, answers=answers)
 
 
 def _trial(linear: Linear, size: float, both: Array) -> Trial:

@@ -68,15 +68,27 @@ def test_a_fit_ends_where_no_length_of_a_step_lowers_the_sum_of_squares(laid_out
     assert tried == [0.5**i for i in range(MOST_HALVINGS)]
 
 
-@pytest.mark.parametrize("told", ["slope", "change", "none"])
-def test_a_gain_is_told_by_the_derivative_or_by_the_change_itself(linear, plant, monkeypatch, told):
-    """A pressure 2.6 % too high gained most of all and was not looked at: the derivative at one size was noise."""
-    trials = []
+@pytest.mark.parametrize(("clear", "told"), [("first", 0), ("second", 1), ("never", None)])
+def test_where_the_derivative_is_noise_the_whole_change_tells_of_a_size(linear, plant, monkeypatch, clear, told):
+    """A pressure 2.6 % too high gained most of all and was not looked at: the derivative at the size found was noise."""
+    gain, trials, asked = plant.effect("p_im.gain"), [], []
+
+    def is_clear(_, slope, information):
+        asked.append((slope, information))
+        return clear == "first" or (clear == "second" and len(asked) > 1)
+
     monkeypatch.setattr(evidence, "best_trial", lambda *on: trials.append(best_trial(*on)) or trials[-1])
-    monkeypatch.setattr(evidence, "is_clear", lambda _, direction, __: direction is getattr(trials[-1], told, None))
-    found = evidence.fit_candidate(linear, plant.effect("p_im.gain"), size=1.01)
-    assert trials[-1].gain != 0.0
-    assert found.gain == (0.0 if told == "none" else trials[-1].gain)
+    monkeypatch.setattr(evidence, "is_clear", is_clear)
+    found = evidence.fit_candidate(linear, gain, size=1.01)
+    (trial,) = trials
+    assert trial.gain != 0.0
+    assert found.gain == (0.0 if told is None else pytest.approx(trial.gain))
+    if told is not None:
+        assert found.information == pytest.approx(asked[told][1])
+    whole = trial.change / (trial.size - 1.0)
+    np.testing.assert_allclose(asked[-1][0], trial.slope if told == 0 else whole)
+    (information,) = linear.beside(whole[None])[1].ravel()
+    assert clear == "first" or asked[-1][1] == pytest.approx(information, rel=1e-6)
 
 
 def test_the_optimum_needs_no_further_step(linear):
