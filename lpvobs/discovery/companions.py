@@ -39,9 +39,7 @@ def _gained(before: Linear, after: Linear) -> tuple[float, Losses]:
     an outlier tells no more than that, for or against the effect.
     """
     losses = cross_validated(before, after)
-    tells = losses.counted & after.problem.shown.any(
-        axis=0
-    )  # an instant without a balance says nothing of the usual one
+    tells = losses.counted & after.problem.shown.any(axis=0)  # what has no balance is no usual instant
     at_each = losses.before - losses.after - noise_power(before) + noise_power(after)
     most = thresholds.OUTLIER**2 * np.median(losses.after[tells]) if tells.any() else 0.0
     told = np.where(losses.after > most, np.clip(at_each, -most, most), at_each)
