@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lpvobs.discovery.course_choice import best_course, finer, fit_course, is_worth, sharpened, timed_again
-from lpvobs.discovery.courses import GRADED, FactorSurface, can_be_graded
-from lpvobs.discovery.curves import curve_in_place_of, onset, surface_again
+from lpvobs.discovery.courses import GRADED, Curve, FactorSurface, can_be_graded
+from lpvobs.discovery.curves import channel_candidates, curve_in_place_of, onset, surface_again
 from lpvobs.discovery.evidence import Candidate, best_first, fit_candidate, in_place, loss_of, score, with_best_interval
 from lpvobs.discovery.fit import fit, objective, refit, with_term, without
 from lpvobs.discovery.forms import cause_of, without_variants
@@ -25,7 +25,10 @@ from lpvobs.engines.effects import Effect
 
 
 def choose_again(linear: Linear, candidate: Candidate) -> tuple[Candidate, Linear]:
-    """Return the newest effect, or the one that explains the residual better now that the fault no longer inflates the weights."""
+    """Return the newest effect, or the one that explains the residual better now that the fault no longer inflates the weights.
+
+    The curve over a channel is found again.
+    """
     problem, newest, curve = linear.problem, len(linear.terms) - 1, candidate.term.curve
     course = linear.terms[newest].course is not None
     if course or isinstance(curve, FactorSurface):
@@ -35,29 +38,34 @@ def choose_again(linear: Linear, candidate: Candidate) -> tuple[Candidate, Linea
             return choose_again(linear, candidate) if simpler.term.course is None else _course_again(linear, candidate)
         return _course_again(linear, candidate) if course else _curve_again(linear, candidate)
     bare = without(linear, newest)
-    again = fit_candidate(bare, candidate.term.effect, candidate.term.begin, candidate.term.end, candidate.term.size)
-    if curve is None:
-        others, span = _others(bare), (again.term.begin, again.term.end)
-        ranked = rank_in(bare, [effect for effect in others if not problem.absorbs(effect)])[:SHORTLIST]
-        # What stands out all along and what does in the interval need not be the same.
-        here = rank_in(bare, others, *span)[:SHORTLIST] if again.changes else []
-        unusual = [fit_candidate(bare, each, *span) for effect in others for each in effect.variants]
-        alike = _in_its_place(linear, bare, newest)
-        rivals = [again, with_best_interval(bare, again), *alike, *ranked, *here, *unusual]
-        proven = [rival for rival in rivals if is_proven(rival, bare)] or [again]
-        again = _joint_best(linear, again, best_first(proven))
-        if again.term != linear.terms[newest]:
+    if isinstance(curve, Curve):
+        own = fit_candidate(bare, candidate.term.effect, size=linear.terms[newest].size, like=linear.terms[newest])
+        again = next((c for c in channel_candidates(bare) if c.id == own.id), own)
+        if objective(refit(linear, [*bare.terms, again.term])) < objective(linear):
             linear = fit(problem, [*bare.terms, again.term], start=linear)
-            bare = without(linear, newest)
-        ids = {rival.id for rival in proven} - {again.id}
-        on_course = best_course(linear, bare, again, [c.term.effect for c in ranked if c.id in ids])
-        if on_course is not again and _is_better(linear, bare, on_course, again):
-            return _course_again(fit(problem, [*bare.terms, on_course.term], start=linear), on_course)
-        curved = curve_in_place_of(bare, again.term)
-        if curved is not None and score(curved) > score(again) + TIE and is_proven(curved, bare):
-            found = _curve_again(fit(problem, [*bare.terms, curved.term], start=linear), curved)
-            if not at_its_end(found[1].terms[newest]):
-                return found
+        return in_place(linear, newest, again), linear
+    again = fit_candidate(bare, candidate.term.effect, candidate.term.begin, candidate.term.end, candidate.term.size)
+    others, span = _others(bare), (again.term.begin, again.term.end)
+    ranked = rank_in(bare, [effect for effect in others if not problem.absorbs(effect)])[:SHORTLIST]
+    # What stands out all along and what does in the interval need not be the same.
+    here = rank_in(bare, others, *span)[:SHORTLIST] if again.changes else []
+    unusual = [fit_candidate(bare, each, *span) for effect in others for each in effect.variants]
+    alike = _in_its_place(linear, bare, newest)
+    rivals = [again, with_best_interval(bare, again), *alike, *ranked, *here, *unusual]
+    proven = [rival for rival in rivals if is_proven(rival, bare)] or [again]
+    again = _joint_best(linear, again, best_first(proven))
+    if again.term != linear.terms[newest]:
+        linear = fit(problem, [*bare.terms, again.term], start=linear)
+        bare = without(linear, newest)
+    ids = {rival.id for rival in proven} - {again.id}
+    on_course = best_course(linear, bare, again, [c.term.effect for c in ranked if c.id in ids])
+    if on_course is not again and _is_better(linear, bare, on_course, again):
+        return _course_again(fit(problem, [*bare.terms, on_course.term], start=linear), on_course)
+    curved = curve_in_place_of(bare, again.term)
+    if curved is not None and score(curved) > score(again) + TIE and is_proven(curved, bare):
+        found = _curve_again(fit(problem, [*bare.terms, curved.term], start=linear), curved)
+        if not at_its_end(found[1].terms[newest]):
+            return found
     if again.changes:
         linear = fit(problem, [*bare.terms, sharpened(linear, newest)], start=linear)
     return in_place(linear, newest, again), linear
@@ -224,7 +232,8 @@ def finished(
         rivals = rank_in(bare, others, term.begin, term.end)
     once = [c for i, c in enumerate(rivals) if c.id not in {better.id for better in rivals[:i]}]
     beside = []
-    for rival in (*once[:SHORTLIST], *_in_its_place(linear, bare, index)):  # all unknowns fitted with it
+    driven = channel_candidates(bare) if isinstance(term.curve, Curve) else []
+    for rival in (*once[:SHORTLIST], *_in_its_place(linear, bare, index), *driven):  # all unknowns fitted with it
         there = with_term(linear, index, rival.term)
         beside.append(_as_fitted(there, bare, rival))
     alike = dict.fromkeys([own.id, *(c.id for c in beside if fits_as_well(like, c, problem))])

@@ -84,9 +84,12 @@ def select(problem: Problem, progress: Callable[[float], None] = lambda _: None)
     if search.verdict == "unexplained" or rivals.best is not None:
         leader = rivals.best if rivals.clearly and nothing < thresholds.SIGNIFICANT else None
         search = _with_forms(problem, progress, once, search, leader)
+    final = _with_all(search.linear)
+    if _has_slight(final):  # once all data tell
+        search = _Search("unexplained", [], search.first, search.first, search.ranking, search.accepted)
+        final = _with_all(search.linear)
     accepted = search.accepted
     losses = compare(_bare(search.linear), search.linear)
-    final = _with_all(search.linear)
     progress(0.95)
     errors = standard_errors(final)
     bare = _bare(final)
@@ -111,9 +114,11 @@ def _each_once(found: Sequence[Candidate]) -> tuple[Candidate, ...]:
 
 def _rival_forms(search: _Search, once: Once) -> _Rivals:
     """Return the formulas of the first round that rival what a search has named."""
-    listed, learned = [c.id for c in search.accepted], len(search.first.problem.patterns) > 0
-    channel = any(name.startswith("channel:") for name in listed)  # has as free a shape as a formula has
-    rivals = _forms_of(search, once)[: thresholds.SHORTLIST] if listed and (learned or not channel) else ()
+    listed, learned = search.accepted, len(search.first.problem.patterns) > 0
+    channels = [i for i, c in enumerate(listed) if c.id.startswith("channel:")]  # have as free a shape as a formula has
+    if channels:
+        return _in_place_of(search.linear, listed, channels) if learned else _Rivals()
+    rivals = _forms_of(search, once)[: thresholds.SHORTLIST] if listed else ()
     if not rivals:
         return _Rivals()
     left, each = objective(search.linear), [objective(refit(search.linear, [c.term])) for c in rivals]
@@ -121,11 +126,28 @@ def _rival_forms(search: _Search, once: Once) -> _Rivals:
     if not learned:  # noise drops out of both, and what they leave can be compared
         most = left * (thresholds.FORM_OVER_ONE if len(listed) == 1 else thresholds.FORM_OVER_MORE)
         return _Rivals(best if min(each) < most else None)
-    as_good = _as_good(rivals, each, left) if len(listed) == 1 and not channel else ()
-    # no cause has quite the catalogue's shape, and leaves that share to another one
-    clear = max(thresholds.FORM_CLEAR, thresholds.SHAPE**2 * (objective(_bare(search.linear)) - left))
-    most = left - clear if channel else left + (len(listed) - 2) * thresholds.FORM_CLEAR
+    as_good = _as_good(rivals, each, left) if len(listed) == 1 else ()
+    clear = _clear(objective(_bare(search.linear)) - left)
+    most = left + (len(listed) - 2) * thresholds.FORM_CLEAR
     return _Rivals(best if min(each) < most else None, min(each) < left - clear, as_good)
+
+
+def _in_place_of(linear: Linear, listed: Sequence[Candidate], channels: Sequence[int]) -> _Rivals:
+    """Return the formula that explains clearly more in place of a curve over a channel, which is what some of the names are."""
+    left, best, most = objective(linear), None, 0.0
+    for i in channels:
+        bare = without(linear, i)
+        gain = objective(bare) - left
+        for form in best_forms(bare, [replace(listed[i], gain=gain)]):
+            more = left - objective(refit(bare, [*bare.terms, form.term])) - _clear(gain)
+            if more > most:
+                best, most = form, more
+    return _Rivals(best, best is not None)
+
+
+def _clear(gain: float) -> float:
+    """Return what a formula gains more than a name where the difference is clear; no cause has quite the catalogue's shape."""
+    return max(thresholds.FORM_CLEAR, thresholds.SHAPE**2 * gain)
 
 
 def _as_good(forms: Sequence[Candidate], each: Sequence[float], left: float) -> tuple[Effect, ...]:
@@ -204,9 +226,16 @@ def _search(
     learned = needed and len(problem.patterns) > 0  # names then have not quite the shape of a cause
     shaped = objective(_bare(linear)) - objective(linear) if learned else 0.0
     varies = structure(linear) >= thresholds.MOST_STRUCTURE * (0.5 * problem.data + shaped)
-    if uneven or goes or apart or varies or any(at_its_end(term) for term in linear.terms):
+    if uneven or goes or apart or varies or _has_slight(linear) or any(at_its_end(term) for term in linear.terms):
         return _Search("unexplained", [], before, before, ranking, needed)
     return _Search("effect" if needed else "none", needed, linear, before, ranking)
+
+
+def _has_slight(linear: Linear) -> bool:
+    """Return whether a listed effect is too small for a fault, where healthy drives tell: constants may have changed."""
+    listed = [t for t in linear.terms if t.curve is None and not t.effect.id.startswith(PREFIX)]
+    slight = any(abs(t.size - t.effect.null) < thresholds.SLIGHT * t.effect.size for t in listed)
+    return slight and len(linear.problem.patterns) > 0
 
 
 def _beside_itself(linear: Linear, candidate: Candidate) -> Candidate:

@@ -26,8 +26,11 @@ def change_of(linear: Linear, effect: Effect, size: float) -> Array:
 
 
 def slope_of(linear: Linear, effect: Effect, size: float, here: Array | None = None) -> Array:
-    """Return the derivative of that change by the size; `here` is the change at this size, if it is known."""
-    h = EFFECT_STEP * effect.size
+    """Return the derivative of that change by the size; `here` is the change at this size, if it is known.
+
+    At none it is the change per noticeable size: the derivative at this very size may be noise, as where the compressor stalls.
+    """
+    h = effect.size if size == effect.null else EFFECT_STEP * effect.size
     return (change_of(linear, effect, size + h) - (change_of(linear, effect, size) if here is None else here)) / h
 
 

@@ -8,13 +8,14 @@ import pytest
 
 from lpvobs.discovery import joint_choice
 from lpvobs.discovery.courses import TracedCourse
+from lpvobs.discovery.curves import along_channel, channel_candidates
 from lpvobs.discovery.evidence import _told, fit_candidate, in_place
-from lpvobs.discovery.fit import fit, standard_errors, without
+from lpvobs.discovery.fit import fit, objective, refit, standard_errors, without
 from lpvobs.discovery.inside import settled, with_inside
 from lpvobs.discovery.joint_choice import at_its_end
 from lpvobs.discovery.known_effects import NINETY
 from lpvobs.discovery.residual import Term
-from lpvobs.discovery.thresholds import BLOCK
+from lpvobs.discovery.thresholds import BLOCK, COST
 
 ONSET = 141.0
 LOST = 0.1
@@ -48,6 +49,22 @@ def test_an_onset_that_weights_of_the_fault_have_misled_is_sought_again_beside_t
     named, _ = joint_choice.choose_again(late, in_place(late, 0, fit_candidate(late, gain, ONSET + 60.0)))
     assert named.id == "p_im.gain"
     assert named.term.begin == pytest.approx(ONSET, abs=BLOCK)
+
+
+def test_the_curve_over_a_channel_is_found_again_beside_the_weights_that_it_leaves(laid_out, plant, clean, misread):
+    """Over `humidity` it was found while its cause counted as noise, and explained 1083 where 1467 could be."""
+    humid = np.sin(0.07 * clean.time)
+    problem = laid_out(misread(clean, clean["W_maf"] * (1.0 + 0.03 * humid), {"humid": humid}))
+    (right, *_) = channel_candidates(fit(problem))
+    curve = replace(right.term.curve, values=right.term.curve.values * [1.0, 0.3, 0.3, 1.0])
+    along = problem.over_columns(np.interp(humid[np.searchsorted(clean.time, problem.time)], curve.knots, curve.values))
+    bent = Term(along_channel(curve, plant.effect(curve.carrier), along), 1.0, curve=curve)
+    linear = fit(problem, [bent])
+    again, found = joint_choice.choose_again(linear, in_place(linear, 0, replace(right, term=bent)))
+    assert again.id == "channel:humid"
+    assert objective(refit(linear, found.terms)) < objective(linear) - COST
+    true = 0.03 * curve.knots  # the bent curve is off by up to 0.013; the map takes some of it
+    np.testing.assert_allclose(again.term.size * again.term.curve.values, true, atol=0.006)
 
 
 @pytest.mark.parametrize("known", ["p_im.offset", "maf.gain"])

@@ -17,8 +17,8 @@ from lpvobs.discovery.linear import cancels, dot
 from lpvobs.discovery.noise import first_noise
 from lpvobs.discovery.patterns import Patterns
 from lpvobs.discovery.residual import Term
-from lpvobs.discovery.sizes import best_trial, slope_of
-from lpvobs.discovery.thresholds import FOLDS, LEAST_LENGTH, MOST_HALVINGS, STILL
+from lpvobs.discovery.sizes import best_trial, change_of, is_clear, slope_of
+from lpvobs.discovery.thresholds import EFFECT_STEP, FOLDS, LEAST_LENGTH, MOST_HALVINGS, STILL
 
 
 def test_noise_that_two_factors_share_drops_out_of_their_product():
@@ -89,6 +89,25 @@ def test_where_the_derivative_is_noise_the_whole_change_tells_of_a_size(linear, 
     np.testing.assert_allclose(asked[-1][0], trial.slope if told == 0 else whole)
     (information,) = linear.beside(whole[None])[1].ravel()
     assert clear == "first" or asked[-1][1] == pytest.approx(information, rel=1e-6)
+
+
+def test_from_none_a_noticeable_size_tells_where_the_derivative_is_noise(linear, plant):
+    """An intake pressure 1.9 % too high gained nothing from none: close to it the compressor's flow bends with noise."""
+    gain = plant.effect("maf.drift")
+
+    def rough(s, rate):
+        right, noise = gain.apply(s, rate), np.random.default_rng(8).standard_normal(s.time.size)
+        return right.corrected("W_maf", right["W_maf"] + 3e-4 * noise * np.sqrt(abs(rate) / gain.size))
+
+    bent = replace(gain, id="maf.rough", apply=rough)
+    on, small = np.ones(linear.problem.K), EFFECT_STEP * bent.size
+    slopes = slope_of(linear, bent, 0.0), change_of(linear, bent, small) / small
+    clear = []
+    for slope in slopes:
+        white = linear.whiten(slope * on)
+        (information,) = linear.beside(white[None])[1].ravel()
+        clear.append(is_clear(linear, white, information))
+    assert clear == [True, False]
 
 
 def test_the_optimum_needs_no_further_step(linear):

@@ -111,6 +111,16 @@ def test_a_logged_channel_is_named(closed, clean, misread):
     assert found.trace.findings[0].curve.channel == "heat"
 
 
+def test_another_channel_that_explains_a_log_as_well_is_in_the_set(closed, clean, misread):
+    """A housing's temperature was `channel:humidity` alone, although `channel:T_coolant` explained the drive as well."""
+    rng = np.random.default_rng(6)
+    knots = np.arange(-20.0, 330.0, 15.0)
+    heat, other = (np.interp(clean.time, knots, rng.standard_normal(knots.size)) for _ in range(2))
+    alike = {"heat": heat, "warmth": heat + 0.02 * other}
+    (finding,) = closed(misread(clean, clean["W_maf"] * (1.0 + 0.02 * heat), alike)).trace.findings
+    assert {finding.id, *finding.indistinguishable} == {"channel:heat", "channel:warmth"}
+
+
 @pytest.fixture(scope="module")
 def nominal(closed, clean, config):
     """Return the map of the healthy log as what is known before others."""
