@@ -47,8 +47,8 @@ def shapes(linear: Linear) -> Iterator[tuple[str, str, Array]]:
             yield name, "rate", rate_of(values, linear.problem.spacing)
 
 
-def channel_candidates(linear: Linear) -> list[Candidate]:
-    """Return the best curve of every channel as a candidate, if it gains more than its coefficients cost."""
+def channel_candidates(linear: Linear, most: int = 2) -> list[Candidate]:
+    """Return the best curves of as many channels as candidates, if they gain more than their coefficients cost."""
     problem = linear.problem
     carriers = problem.carriers
     slopes = {effect.id: slope_of(linear, effect, effect.null) for effect in carriers}
@@ -69,7 +69,7 @@ def channel_candidates(linear: Linear) -> list[Candidate]:
                 along = problem.over_columns(np.interp(values, curve.knots, curve.values))
                 driven = along_channel(curve, effect, along)
                 best[name] = gain - COST * coefficients.size, driven, curve
-    ranked = sorted(best.values(), key=lambda item: -item[0])[:2]
+    ranked = sorted(best.values(), key=lambda item: -item[0])[:most]
     return [_fitted(linear, effect, curve) for _, effect, curve in ranked]
 
 

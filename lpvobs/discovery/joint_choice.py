@@ -40,10 +40,11 @@ def choose_again(linear: Linear, candidate: Candidate) -> tuple[Candidate, Linea
     bare = without(linear, newest)
     if isinstance(curve, Curve):
         own = fit_candidate(bare, candidate.term.effect, size=linear.terms[newest].size, like=linear.terms[newest])
-        again = next((c for c in channel_candidates(bare) if c.id == own.id), own)
-        if objective(refit(linear, [*bare.terms, again.term])) < objective(linear):
-            linear = fit(problem, [*bare.terms, again.term], start=linear)
-        return in_place(linear, newest, again), linear
+        own = replace(own, gain=own.gain - curve.cost)
+        for again in channel_candidates(bare, SHORTLIST):
+            if again.id == own.id and objective(refit(linear, [*bare.terms, again.term])) < objective(linear) - TIE:
+                own, linear = again, fit(problem, [*bare.terms, again.term], start=linear)
+        return in_place(linear, newest, own), linear
     again = fit_candidate(bare, candidate.term.effect, candidate.term.begin, candidate.term.end, candidate.term.size)
     others, span = _others(bare), (again.term.begin, again.term.end)
     ranked = rank_in(bare, [effect for effect in others if not problem.absorbs(effect)])[:SHORTLIST]
@@ -232,7 +233,7 @@ def finished(
         rivals = rank_in(bare, others, term.begin, term.end)
     once = [c for i, c in enumerate(rivals) if c.id not in {better.id for better in rivals[:i]}]
     beside = []
-    driven = channel_candidates(bare) if isinstance(term.curve, Curve) else []
+    driven = channel_candidates(bare, SHORTLIST) if isinstance(term.curve, Curve) else []
     for rival in (*once[:SHORTLIST], *_in_its_place(linear, bare, index), *driven):  # all unknowns fitted with it
         there = with_term(linear, index, rival.term)
         beside.append(_as_fitted(there, bare, rival))

@@ -78,15 +78,16 @@ def select(problem: Problem, progress: Callable[[float], None] = lambda _: None)
     ranking = [*search.ranking, *_forms_of(search, once)[:1]] if len(problem.patterns) else search.ranking
     nothing, named = chance_of_nothing(search.first, ranking), search.accepted
     # Where healthy drives tell how errors look, the probability of nothing is that of the verdict.
+    unnamed = "unexplained" if nothing < thresholds.SIGNIFICANT else "none"
     if len(problem.patterns) and search.verdict != "effect":
-        search = replace(search, verdict="unexplained" if nothing < thresholds.SIGNIFICANT else "none")
+        search = replace(search, verdict=unnamed)
     rivals = _rival_forms(search, once)
     if search.verdict == "unexplained" or rivals.best is not None:
         leader = rivals.best if rivals.clearly and nothing < thresholds.SIGNIFICANT else None
         search = _with_forms(problem, progress, once, search, leader)
     final = _with_all(search.linear)
     if _has_slight(final):  # once all data tell
-        search = _Search("unexplained", [], search.first, search.first, search.ranking, search.accepted)
+        search = _Search(unnamed, [], search.first, search.first, search.ranking, search.accepted)
         final = _with_all(search.linear)
     accepted = search.accepted
     losses = compare(_bare(search.linear), search.linear)
@@ -232,8 +233,14 @@ def _search(
 
 
 def _has_slight(linear: Linear) -> bool:
-    """Return whether a listed effect is too small for a fault, where healthy drives tell: constants may have changed."""
-    listed = [t for t in linear.terms if t.curve is None and not t.effect.id.startswith(PREFIX)]
+    """Return whether a listed effect is too small for a fault, where healthy drives tell: constants may have changed since.
+
+    They do so all along, and do not drift.
+    """
+    lasting = [
+        t for t in linear.terms if t.whole and t.curve is None and t.course is None and t.effect.parameter != "rate"
+    ]
+    listed = [t for t in lasting if not t.effect.id.startswith(PREFIX)]
     slight = any(abs(t.size - t.effect.null) < thresholds.SLIGHT * t.effect.size for t in listed)
     return slight and len(linear.problem.patterns) > 0
 

@@ -28,9 +28,13 @@ def change_of(linear: Linear, effect: Effect, size: float) -> Array:
 def slope_of(linear: Linear, effect: Effect, size: float, here: Array | None = None) -> Array:
     """Return the derivative of that change by the size; `here` is the change at this size, if it is known.
 
-    At none it is the change per noticeable size: the derivative at this very size may be noise, as where the compressor stalls.
+    At none it is the mean over a noticeable size on either side: the derivative at this very size may be noise, as where the
+    compressor stalls, and the sides may differ.
     """
-    h = effect.size if size == effect.null else EFFECT_STEP * effect.size
+    if size == effect.null:
+        below, above = max(effect.null - effect.size, effect.low), min(effect.null + effect.size, effect.high)
+        return (change_of(linear, effect, above) - change_of(linear, effect, below)) / (above - below)
+    h = EFFECT_STEP * effect.size
     return (change_of(linear, effect, size + h) - (change_of(linear, effect, size) if here is None else here)) / h
 
 

@@ -3,7 +3,7 @@
 One constant, one docstring: `[unit] what it decides. Set by ...`. `make thresholds` reads this file, records how near the
 decisions of a small bank come to each value, halves and doubles those that decide, and writes what changes to
 `benchmarks/results/thresholds.md`, run 11 here: it holds a value where decisions came within a factor of two, and half and twice
-turned no verdict on the drives nearest to it. Values are replaced before the rest of the package is imported: this module imports
+turned no verdict on the drives nearest to it. Run 11 had no `SLIGHT`, and took `EFFECT_STEP` from none, too. Values are replaced before the rest of the package is imported: this module imports
 nothing.
 """
 
@@ -109,8 +109,8 @@ MOST_STRETCHED = 3.0
 STEP = 1e-4
 """[1] Relative step of difference quotients by constants. Set by rounding against curvature."""
 EFFECT_STEP = 0.02
-"""[1] Step of difference quotients by an effect, as a share of its noticeable size; from none it is the whole of that. Set by
-rounding against curvature; held by run 11."""
+"""[1] Step of difference quotients by an effect, as a share of its noticeable size; from none it is the whole of that, to either
+side. Set by rounding against curvature; held by run 11."""
 WIDEST = 100.0
 """[1] Prior standard deviation of an accepted effect in noticeable sizes. Set by choice: so wide that it says nothing."""
 ANEW = 5
@@ -223,8 +223,8 @@ OWN = 0.3
 """[1] Share of its gain that a further effect keeps where the others may have another shape, at least. Set by pairs of seeds 292192
 and 106607 of the second bank, where two clear second effects kept 0.37 and 0.48."""
 SLIGHT = 0.5
-"""[1] Share of its noticeable size that an effect must have where healthy drives tell: constants that changed since look like small
-errors of sensors. Set by seed 512617 of the second bank: five of 17 wrong names were smaller, none of 189 right ones (0.51)."""
+"""[1] Share of its noticeable size that a lasting effect must have where healthy drives tell: constants that changed since look
+like small errors of sensors. Set by seed 512617 of the second bank, whose true effects are larger: five of 17 wrong names were not."""
 ONE_SIDED = 0.1
 """[1] Share of its range up to which what lies below none is there for estimates alone: no lag and no leak is negative. Set by
 choice: their ranges reach 1 to 10 % below."""

@@ -110,6 +110,15 @@ def test_from_none_a_noticeable_size_tells_where_the_derivative_is_noise(linear,
     assert clear == [True, False]
 
 
+def test_a_pressure_that_reads_too_little_is_as_plain_as_one_that_reads_too_much(laid_out, plant, clean):
+    """From none the derivative of the compressor's flow by it was noise, and over one side it told of that side alone."""
+    gains = []
+    for factor in (0.975, 1.025):
+        wrong = replace(clean, channels={**clean.channels, "p_im": factor * clean["p_im"]})
+        gains.append(evidence.first_order_gain(fit(laid_out(wrong)), plant.effect("p_im.gain")))
+    assert min(gains) > 0.5 * max(gains)
+
+
 def test_the_optimum_needs_no_further_step(linear):
     shift = np.abs(linear.newton_step) / np.sqrt(np.diag(np.linalg.inv(linear.normal)))
     assert (

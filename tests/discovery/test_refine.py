@@ -116,9 +116,9 @@ def test_another_channel_that_explains_a_log_as_well_is_in_the_set(closed, clean
     rng = np.random.default_rng(6)
     knots = np.arange(-20.0, 330.0, 15.0)
     heat, other = (np.interp(clean.time, knots, rng.standard_normal(knots.size)) for _ in range(2))
-    alike = {"heat": heat, "warmth": heat + 0.02 * other}
+    alike = {"heat": heat, "warmth": heat + 0.02 * other, "glow": heat - 0.02 * other}
     (finding,) = closed(misread(clean, clean["W_maf"] * (1.0 + 0.02 * heat), alike)).trace.findings
-    assert {finding.id, *finding.indistinguishable} == {"channel:heat", "channel:warmth"}
+    assert {finding.id, *finding.indistinguishable} == {f"channel:{name}" for name in alike}
 
 
 @pytest.fixture(scope="module")

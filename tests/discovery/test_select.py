@@ -82,21 +82,54 @@ def test_a_formula_rivals_what_is_named_where_it_explains_enough(monkeypatch, na
 
 
 @pytest.mark.parametrize(
-    ("size", "id_", "curve", "patterns", "slight"),
+    ("term", "patterns", "slight"),
     [
-        (1.0 - 1.01 * SLIGHT * 0.01, "p_em.gain", None, (1,), False),
-        (1.0 - 0.99 * SLIGHT * 0.01, "p_em.gain", None, (1,), True),
-        (1.0 + 0.99 * SLIGHT * 0.01, "p_em.gain", None, (), False),  # the constants' tolerance is known there
-        (1.0 + 0.99 * SLIGHT * 0.01, "channel:humidity", "a curve", (1,), False),
-        (1.0 + 0.99 * SLIGHT * 0.01, "form:W_maf ~ W_maf * humidity", None, (1,), False),
+        ({"size": 1.0 - 1.01 * SLIGHT * 0.01}, (1,), False),
+        ({"size": 1.0 - 0.99 * SLIGHT * 0.01}, (1,), True),
+        ({}, (1,), True),
+        ({}, (), False),  # the constants' tolerance is known there
+        ({"whole": False}, (1,), False),  # constants do not change within a drive
+        ({"course": "a course"}, (1,), False),
+        ({"curve": "a curve"}, (1,), False),
+        ({"id": "form:W_maf ~ W_maf * humidity"}, (1,), False),
+        ({"parameter": "rate"}, (1,), False),
     ],
 )
-def test_what_is_half_as_large_as_one_notices_has_no_name(size, id_, curve, patterns, slight):
+def test_what_is_half_as_large_as_one_notices_has_no_name(term, patterns, slight):
     """Constants that had changed since the healthy drives were an exhaust pressure read 0.5 % too high, with p = 1e-59."""
-    term = SimpleNamespace(size=size, curve=curve, effect=SimpleNamespace(id=id_, null=1.0, size=0.01))
-    large = SimpleNamespace(size=0.07, curve=None, effect=SimpleNamespace(id="maf.lag", null=0.0, size=0.03))
-    linear = SimpleNamespace(terms=(large, term), problem=SimpleNamespace(patterns=patterns))
-    assert select._has_slight(linear) == slight
+    usual = {"id": "p_em.gain", "size": 1.0 + 0.99 * SLIGHT * 0.01, "parameter": "factor"}
+    usual |= {"whole": True, "curve": None, "course": None} | term
+    effect = SimpleNamespace(id=usual.pop("id"), parameter=usual.pop("parameter"), null=1.0, size=0.01)
+    lag = SimpleNamespace(id="maf.lag", parameter="tau", null=0.0, size=0.03)
+    large = SimpleNamespace(size=0.07, curve=None, course=None, whole=True, effect=lag)
+    terms = (large, SimpleNamespace(effect=effect, **usual))
+    assert select._has_slight(SimpleNamespace(terms=terms, problem=SimpleNamespace(patterns=patterns))) == slight
+
+
+@pytest.mark.parametrize(
+    ("slight", "nothing", "verdict"), [(False, 1e-9, "effect"), (True, 1e-9, "unexplained"), (True, 0.5, "none")]
+)
+def test_a_name_that_all_data_show_to_be_slight_is_none(monkeypatch, slight, nothing, verdict):
+    problem = SimpleNamespace(patterns=(1,))
+    found = SimpleNamespace(problem=problem, terms=())
+    named = SimpleNamespace(id="p_em.gain")
+    for name, value in (
+        ("_search", select._Search("effect", [named], found, found, [named])),
+        ("_forms_of", []),
+        ("chance_of_nothing", nothing),
+        ("_rival_forms", select._Rivals()),
+        ("_with_all", SimpleNamespace(terms=[SimpleNamespace(effect=named)])),
+        ("_has_slight", slight),
+        ("_bare", None),
+        ("compare", None),
+        ("standard_errors", [0.0]),
+        ("finished", named),
+    ):
+        monkeypatch.setattr(select, name, lambda *_, value=value, **__: value)
+    chosen = select.select(problem)
+    assert chosen.verdict == verdict
+    assert chosen.accepted == ((named,) if verdict == "effect" else ())
+    assert named in chosen.leading  # what it would have been
 
 
 @pytest.mark.parametrize("learned", [True, False])
@@ -234,8 +267,9 @@ def test_an_effect_is_judged_by_the_weights_beside_it_before_it_is_given_up(monk
         (29.0, True, True, "unexplained"),  # an earlier effect may come to its end beside a later one
     ],
 )
+@pytest.mark.parametrize("slight", [False, True])
 def test_what_a_large_effect_leaves_may_change_more_where_healthy_drives_tell(
-    monkeypatch, left, learned, at_end, verdict
+    monkeypatch, left, learned, at_end, verdict, slight
 ):
     """Two per cent of half the data, 500, and of what the names explain, 1000: a pressure lost its name for a thousandth."""
     linear = SimpleNamespace(terms=(SimpleNamespace(course=None),))
@@ -249,7 +283,7 @@ def test_what_a_large_effect_leaves_may_change_more_where_healthy_drives_tell(
         ("is_uneven", False),
         ("comes_and_goes", False),
         ("at_its_end", at_end),
-        ("_has_slight", False),
+        ("_has_slight", slight),
     ):
         monkeypatch.setattr(select, name, lambda *_, value=value: value)
     monkeypatch.setattr(select, "structure", lambda _: left)
@@ -257,4 +291,5 @@ def test_what_a_large_effect_leaves_may_change_more_where_healthy_drives_tell(
     monkeypatch.setattr(select, "objective", lambda of: 100.0 if of is linear else 1100.0)
     monkeypatch.setattr(select, "pruned", lambda *_: (nothing, linear))
     problem = SimpleNamespace(patterns=(1,) if learned else (), data=1000.0)
-    assert select._search(problem, lambda _: None, lambda work, *on: work(*on)).verdict == verdict
+    found = select._search(problem, lambda _: None, lambda work, *on: work(*on)).verdict
+    assert found == ("unexplained" if slight else verdict)
