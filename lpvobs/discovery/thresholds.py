@@ -3,8 +3,8 @@
 One constant, one docstring: `[unit] what it decides. Set by ...`. `make thresholds` reads this file, records how near the
 decisions of a small bank come to each value, halves and doubles those that decide, and writes what changes to
 `benchmarks/results/thresholds.md`, run 11 here: it holds a value where decisions came within a factor of two, and half and twice
-turned no verdict on the drives nearest to it. Run 11 had no `SLIGHT`, and took `EFFECT_STEP` from none, too. Values are replaced before the rest of the package is imported: this module imports
-nothing.
+turned no verdict on the drives nearest to it. Run 11 had no `SLIGHT`, and took `EFFECT_STEP` from none, too. Values are replaced
+before the rest of the package is imported: this module imports nothing.
 """
 
 # --- Where residuals are taken ---------------------------------------------------------------------------------------------
@@ -224,7 +224,7 @@ OWN = 0.3
 and 106607 of the second bank, where two clear second effects kept 0.37 and 0.48."""
 SLIGHT = 0.5
 """[1] Share of its noticeable size that a lasting effect must have where healthy drives tell: constants that changed since look
-like small errors of sensors. Set by seed 512617 of the second bank, whose true effects are larger: five of 17 wrong names were not."""
+like small errors of sensors. Set by seed 512617 of the second bank: five of 17 wrong names were smaller, no true effect is."""
 ONE_SIDED = 0.1
 """[1] Share of its range up to which what lies below none is there for estimates alone: no lag and no leak is negative. Set by
 choice: their ranges reach 1 to 10 % below."""
