@@ -15,7 +15,14 @@ from lpvobs.compiled import njit
 from lpvobs.discovery import thresholds
 from lpvobs.discovery.courses import GRADED, TracedCourse, can_be_graded, hystereses, in_time, lags, near, on_course
 from lpvobs.discovery.curves import channel_candidates
-from lpvobs.discovery.evidence import Candidate, best_first, fit_candidate, penalty, score, with_best_interval
+from lpvobs.discovery.evidence import (
+    Candidate,
+    best_first,
+    fit_candidate,
+    penalty,
+    score,
+    with_best_interval,
+)
 from lpvobs.discovery.fit import with_term, without
 from lpvobs.discovery.linear import Linear, cancels, residual_with
 from lpvobs.discovery.ranking import least_gain
@@ -165,7 +172,10 @@ def _comes_and_goes(linear: Linear, index: int) -> Iterator[TracedCourse]:
             break
         size, null = linear.terms[index].size, term.effect.null
         span = np.clip((further.term.begin, further.term.end), *ends)
-        intervals = _with_interval(intervals, span, acts=(further.term.size > null) == (size > null))
+        before, acts = intervals, (further.term.size > null) == (size > null)
+        intervals = _with_interval(before, span, acts)
+        if intervals == before:
+            break
         if not 1 <= len(intervals) <= thresholds.MOST_SWITCHES:
             return
         episodes = on_places(term.effect, TracedCourse("intermittent", intervals=tuple(intervals)), problem)

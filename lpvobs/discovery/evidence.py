@@ -9,8 +9,8 @@ import scipy
 from numpy.typing import NDArray
 
 from lpvobs.discovery.courses import GRADED
-from lpvobs.discovery.fit import pins
 from lpvobs.discovery.linear import Linear
+from lpvobs.discovery.normal import pins
 from lpvobs.discovery.residual import Term
 from lpvobs.discovery.sizes import best_trial, blur, change_of, is_clear, slope_of
 from lpvobs.discovery.thresholds import COST, LEAST_LENGTH, START, STRETCH, STRONG
@@ -170,7 +170,7 @@ def in_place(linear: Linear, index: int, like: Candidate) -> Candidate:
     """
     at = linear.p + linear.beta.size + index
     row = linear.row(index)
-    information = 1.0 / row[at] - pins(linear)[at, at]
+    information = 1.0 / row[at] - pins(linear)[at]
     left = linear.moved(linear.residual, linear.newton_step)
     scores = linear.products_by_block(left) @ (row / row[at])
     term = linear.terms[index]

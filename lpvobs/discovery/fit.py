@@ -8,8 +8,9 @@ import scipy
 from numpy.typing import NDArray
 
 from lpvobs.discovery import imbalances
-from lpvobs.discovery.linear import Linear, dot, on_nodes
-from lpvobs.discovery.noise import Noise, Scatter, first_noise, noise_of
+from lpvobs.discovery.linear import Linear, dot
+from lpvobs.discovery.noise import Noise, first_noise, noise_of
+from lpvobs.discovery.normal import cholesky, drawn, map_columns, normal_beside, normal_of, pins, prior_precision
 from lpvobs.discovery.residual import Problem, Term
 from lpvobs.discovery.thresholds import (
     ANEW,
@@ -17,10 +18,9 @@ from lpvobs.discovery.thresholds import (
     FARTHEST,
     MOST_HALVINGS,
     MOST_STEPS,
-    PIN,
     RESPONSE,
+    SETTLED,
     STILL,
-    WIDEST,
 )
 from lpvobs.maps.excitation import cell_numbers
 from lpvobs.records import Array
@@ -35,6 +35,10 @@ def fit(problem: Problem, terms: Sequence[Term] = (), passes: int = 4, start: Li
     for _ in range(passes):
         linear = converged(linear)
         noise = noise_of(problem, linear.nodes, linear.raw[0])
+        now, then = linear.noise.whiten(linear.raw), noise.whiten(linear.raw)
+        still = float(linear.newton_step @ linear.gradient) < STILL
+        if still and np.linalg.norm(now - then) <= SETTLED * np.linalg.norm(now):
+            break
         linear = linearised(problem, linear.terms, linear.theta, linear.beta, noise, linear.pinned, linear)
     # Tests rely on the derivatives, which change fast near the stall of the compressor: the last step takes them anew.
     return _stepped(linear, None)
@@ -67,8 +71,8 @@ def linearised(
     straight[0] += imbalances.curvature_bias(problem, scenes, made)
     residual = noise.whiten(straight)
     pinned = np.zeros(beta.size + len(terms), dtype=bool) if pinned is None else pinned
-    prior = prior_precision(problem, terms)
     deviation = np.concatenate([theta - problem.prior.mean, beta, [t.size - t.effect.null for t in terms]])
+    nothing = np.empty((0, 0))
     bare = Linear(
         problem=problem,
         terms=terms,
@@ -84,19 +88,20 @@ def linearised(
         by_unknowns=derivatives,
         columns=white,
         mapped=noise.whiten(problem.by_reading) if weighed is None else weighed.mapped,
-        dense=_map_columns(problem, noise, nodes) if same_map is None else same_map.dense,
-        gram=prior,
-        normal=prior,
-        factor=prior,
+        dense=map_columns(problem, noise, nodes) if same_map is None else same_map.dense,
+        normal=nothing,
+        factor=nothing,
         gradient=deviation,
         newton_step=deviation,
     )
-    gram = normal_of(bare) if same_map is None else _gram(bare, same_map)
-    normal = gram + prior + pins(bare)
-    factor = cholesky(normal)
-    gradient = bare.products(residual) + prior @ deviation
+    if same_map is None:
+        normal = normal_of(bare) + prior_precision(problem, terms) + np.diag(pins(bare))
+        factor = cholesky(normal)
+    else:
+        normal, factor = normal_beside(bare, same_map)
+    gradient = bare.products(residual) + drawn(problem, terms, deviation)
     newton_step = scipy.linalg.cho_solve((factor, True), gradient, check_finite=False)
-    return replace(bare, gram=gram, normal=normal, factor=factor, gradient=gradient, newton_step=newton_step)
+    return replace(bare, normal=normal, factor=factor, gradient=gradient, newton_step=newton_step)
 
 
 def _equal(one: imbalances.Nodes, other: imbalances.Nodes) -> bool:
@@ -104,31 +109,10 @@ def _equal(one: imbalances.Nodes, other: imbalances.Nodes) -> bool:
     return all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))
 
 
-def _gram(bare: Linear, near: Linear) -> Array:
-    """Return the products of all columns; those of map and unknowns are the same as in a nearby model."""
-    known, n = bare.p + bare.beta.size, bare.newton_step.size
-    gram = np.zeros((n, n))
-    gram[:known, :known] = near.gram[:known, :known]
-    gram[known:] = bare.products(bare.columns[bare.u :])
-    gram[:, known:] = gram[known:].T
-    return gram
-
-
-def _map_columns(problem: Problem, noise: Noise, nodes: imbalances.Nodes) -> Array | None:
-    """Return the whitened trace of every node of the map, shape (p, B, K); none where noise is independent from place to place."""
-    if isinstance(noise, Scatter):
-        return None
-    weights = np.zeros((problem.grid.size, problem.K))
-    for m in range(4):
-        np.add.at(weights, (nodes[0][:, m], np.arange(problem.K)), nodes[1][:, m])
-    traces = np.zeros((problem.grid.size, 2, *problem.by_reading.shape))
-    traces[:, 0] = weights[:, None] * problem.by_reading
-    return noise.whiten(traces)[:, 0]
-
-
 def refit(linear: Linear, terms: Sequence[Term]) -> Linear:
     """Return a model with other terms at its optimum, with the weights of this one."""
-    start = linear.theta, linear.beta, linear.noise
+    pinned = np.concatenate([linear.pinned[: linear.beta.size], np.zeros(len(terms), dtype=bool)])
+    start = linear.theta, linear.beta, linear.noise, pinned
     return converged(linearised(linear.problem, tuple(terms), *start, near=linear))
 
 
@@ -147,8 +131,8 @@ def objective(linear: Linear) -> float:
     problem = linear.problem
     sizes = [term.size - term.effect.null for term in linear.terms]
     deviation = np.concatenate([linear.theta - problem.prior.mean, linear.beta, sizes])
-    prior = prior_precision(problem, linear.terms)
-    return float(0.5 * (dot(linear.residual, linear.residual) + deviation @ prior @ deviation))
+    known = drawn(problem, linear.terms, deviation) @ deviation
+    return float(0.5 * (dot(linear.residual, linear.residual) + known))
 
 
 def converged(linear: Linear) -> Linear:
@@ -208,60 +192,6 @@ def change_between(
     return imbalances.change_of_residual(problem, terms[index].effect, one, other, theta)
 
 
-def prior_precision(problem: Problem, terms: tuple[Term, ...]) -> Array:
-    """Return the prior precision of all unknowns, shape (n, n)."""
-    own = np.array([(WIDEST * t.effect.size) ** -2.0 for t in terms])
-    return np.asarray(scipy.linalg.block_diag(problem.precision_with_map, np.diag(own)))
-
-
-def pins(linear: Linear) -> Array:
-    """Return the precision that holds what is pinned at its value, shape (n, n)."""
-    usual = np.concatenate([linear.problem.spread, [t.effect.size for t in linear.terms]])
-    return np.diag(np.concatenate([np.zeros(linear.p), np.where(linear.pinned, PIN * usual**-2.0, 0.0)]))
-
-
-def normal_of(linear: Linear, instants: NDArray[np.int64] | slice = slice(None)) -> Array:
-    """Return the products of all columns with each other over some instants, shape (n, n)."""
-    J = linear.columns[..., instants]
-    J = np.ascontiguousarray(J).reshape(*J.shape[:2], J.shape[2] * J.shape[3])
-    if linear.dense is not None:
-        D = -np.ascontiguousarray(linear.dense[..., instants]).reshape(linear.p, -1)
-        both = np.vstack([D, J[:, 0]])
-        return np.asarray(both @ both.T)
-    column, nodes = linear.mapped[:, instants], (linear.nodes[0][instants], linear.nodes[1][instants])
-    H = _map_normal(linear.p, nodes, (column**2).sum(0))
-    between = on_nodes(nodes, -(column * linear.columns[:, 0][..., instants]).sum(1), linear.p)
-    own = np.block([[H, between.T], [between, J[:, 0] @ J[:, 0].T - J[:, 1] @ J[:, 1].T]])
-    if not isinstance(linear.noise, Scatter) or not len(linear.problem.patterns):
-        return own
-    patterns, back = linear.problem.patterns.at(instants), linear.noise.dual
-    on_map = on_nodes(nodes, patterns.times(back(linear.mapped)[:, instants]), linear.p)
-    with_own = -patterns.sums(back(linear.columns[:, 0])[..., instants])
-    across = np.hstack([on_map, with_own.T])
-    whole = np.block([[own, across.T], [across, patterns.gram(linear.noise.precision[..., instants])]])
-    begin, end = linear.p + linear.u, len(own)
-    order = np.r_[:begin, end : len(whole), begin:end]  # effects come last
-    return np.asarray(whole[np.ix_(order, order)])
-
-
-def _map_normal(p: int, nodes: imbalances.Nodes, information: Array) -> Array:
-    """Return the normal matrix of the map, shape (p, p)."""
-    pairs = nodes[0][:, :, None] * p + nodes[0][:, None, :]
-    shares = (information[:, None] * nodes[1])[:, :, None] * nodes[1][:, None, :]
-    return np.asarray(np.bincount(pairs.ravel(), shares.ravel(), minlength=p * p).reshape(p, p), dtype=float)
-
-
-def cholesky(matrix: Array) -> Array:
-    """Return the lower Cholesky factor; noise may make the matrix indefinite, and the smallest ridge mends it."""
-    scale = np.diag(np.abs(np.diag(matrix)))
-    for ridge in (0.0, 1e-8, 1e-4, 1e-2, 1e-1):
-        try:
-            return np.asarray(scipy.linalg.cholesky(matrix + ridge * scale, lower=True, check_finite=False))
-        except np.linalg.LinAlgError:
-            continue
-    return np.asarray(np.sqrt(scale))
-
-
 def standard_errors(linear: Linear) -> Array:
     """Return the standard error of the size of every effect in a model, shape (terms,).
 
@@ -282,7 +212,7 @@ def standard_errors(linear: Linear) -> Array:
     if not linear.terms:
         return np.empty(0)
     prior = prior_precision(linear.problem, linear.terms)
-    free = replace(linear, factor=cholesky(linear.normal - pins(linear)))
+    free = replace(linear, factor=cholesky(linear.normal - np.diag(pins(linear))))
     within = np.array([_variance(linear, free.row(i), prior, i) for i in range(len(linear.terms))])
     within += [linear.problem.seems(term, 1.0 / own) * own for term, own in zip(linear.terms, within, strict=True)]
     learned = linear.problem.model.healthy is not None or len(linear.problem.patterns) > 0

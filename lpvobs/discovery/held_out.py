@@ -13,8 +13,8 @@ import scipy
 from numpy.typing import NDArray
 
 from lpvobs.discovery import imbalances, thresholds
-from lpvobs.discovery.fit import cholesky, normal_of
 from lpvobs.discovery.linear import Linear
+from lpvobs.discovery.normal import cholesky, normal_of
 from lpvobs.discovery.patterns import Patterns
 from lpvobs.discovery.residual import Problem, Term
 from lpvobs.records import Array, Item
@@ -133,7 +133,7 @@ def undated(linear: Linear) -> NDArray[np.bool_]:
     clock = problem.clock
     number = np.cumsum(np.diff(problem.used.astype(np.int64), prepend=0) != 0)  # of the stretch, kept or used
     out = np.zeros(problem.K, dtype=bool)
-    for edge in (edge for term in linear.terms for edge in (term.begin, term.end) if np.isfinite(edge)):
+    for edge in (edge for term in linear.terms for edge in term.edges if np.isfinite(edge)):
         beside = ~problem.used & (np.abs(clock - edge) <= thresholds.BLOCK)
         out |= ~problem.used & np.isin(number, number[beside])
     return out

@@ -116,7 +116,7 @@ def term_on(known_effect: KnownEffect, problem: Problem, logs: Sequence[Log]) ->
     effect, on = effect_along(known_effect, problem.model, parts, problem.over_columns)
     if not known_effect.took_part(logs):
         spread = max(known_effect.standard_deviation, 1e-9 * effect.size)
-        effect = replace(effect, null=known_effect.value, size=spread / WIDEST)
+        effect = replace(effect, null=known_effect.value, size=spread / WIDEST, straight=False)
     return Term(effect, known_effect.value, only=None if on.all() else on, course=known_effect.course)
 
 

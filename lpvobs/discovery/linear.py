@@ -45,8 +45,7 @@ class Linear:
     # (p, B, K) The same for every node. It is needed where noise that is correlated in time spreads a node over all
     # places; None where a place sees the nodes of its cell alone.
     dense: Array | None
-    gram: Array  # (n, n) products of all columns with each other
-    normal: Array  # (n, n) the same with priors
+    normal: Array  # (n, n) products of all columns with each other, with priors
     factor: Array  # (n, n) its lower Cholesky factor
     gradient: Array  # (n,) of half the sum of squares with priors
     newton_step: Array  # (n,) what the unknowns exceed the optimum of this linear model by: it is subtracted from them

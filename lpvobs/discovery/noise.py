@@ -64,7 +64,8 @@ class Scatter:
 
     def dual(self, whitened: Array) -> Array:
         """Return the product of whitened values with the transposed root."""
-        return np.asarray(np.einsum("kab,...ak->...bk", self.root, whitened))
+        flat = np.ascontiguousarray(whitened).reshape(-1, *whitened.shape[-2:])
+        return np.asarray(_times_transposed(self.root, flat).reshape(whitened.shape))
 
     @cached_property
     def precision(self) -> Array:
@@ -253,6 +254,18 @@ def _times(root, used, values):  # type: ignore[no-untyped-def]
                 for b in range(a + 1):
                     total += root[k, a, b] * values[i, b, k]
                 out[i, a, k] = total
+    return out
+
+
+@njit(cache=True)
+def _times_transposed(root, values):  # type: ignore[no-untyped-def]
+    """Return the transposed root times values, shape (n, B, K)."""
+    out = np.zeros_like(values)
+    for k in range(values.shape[2]):
+        for i in range(values.shape[0]):
+            for a in range(values.shape[1]):
+                for b in range(a + 1):
+                    out[i, b, k] += root[k, a, b] * values[i, a, k]
     return out
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +36,12 @@ class Patterns:
 
     def by_block(self, values: Array, first: NDArray[np.int64]) -> Array:
         """Return the same over blocks of places that begin at `first`, with values of shape (B, K), shape (blocks, m)."""
-        return np.hstack([_by_block(shapes, row, first) for shapes, row in zip(self.each, values, strict=True)])
+        return np.hstack([_by_block(shapes, row, first) for shapes, row in zip(self._by_place, values, strict=True)])
+
+    @cached_property
+    def _by_place(self) -> tuple[Array, ...]:
+        """The shapes of every balance with the places first, (K, m_b)."""
+        return tuple(np.ascontiguousarray(shapes.T) for shapes in self.each)
 
     def gram(self, precision: Array) -> Array:
         """Return the products with each other, shape (m, m); `precision` is that of the balances at a place, (B, B, K)."""
@@ -55,12 +61,12 @@ class Patterns:
 
 @njit(cache=True)
 def _by_block(shapes, row, first):  # type: ignore[no-untyped-def]
-    """Return the sums by block of shapes, (m, K), times values, (K,), shape (blocks, m)."""
-    out = np.zeros((first.size, len(shapes)))
-    for i in range(len(shapes)):
-        for b in range(first.size):
-            for k in range(first[b], first[b + 1] if b + 1 < first.size else row.size):
-                out[b, i] += shapes[i, k] * row[k]
+    """Return the sums by block of shapes, (K, m), times values, (K,), shape (blocks, m)."""
+    out = np.zeros((first.size, shapes.shape[1]))
+    for b in range(first.size):
+        for k in range(first[b], first[b + 1] if b + 1 < first.size else row.size):
+            for i in range(shapes.shape[1]):
+                out[b, i] += shapes[k, i] * row[k]
     return out
 
 

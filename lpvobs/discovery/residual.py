@@ -243,6 +243,11 @@ class Term:
         """Whether it neither begins nor ends inside the logs, whatever its course."""
         return not (np.isfinite(self.begin) or np.isfinite(self.end))
 
+    @property
+    def edges(self) -> tuple[float, ...]:
+        """When it begins and ends on the clock, infinite where it does not; of an effect that comes and goes every time."""
+        return (self.begin, self.end, *(np.ravel(self.course.intervals) if self.course else ()))
+
     def acts(self, clock: Array) -> NDArray[np.bool_]:
         """Return at which places it acts, shape (K,)."""
         on = (clock >= self.begin) & (clock < self.end)

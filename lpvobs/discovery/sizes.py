@@ -17,8 +17,10 @@ KEPT = 64  # changes of the residual that are kept at most: an effect is tried o
 @lru_cache(KEPT)
 def change_of(linear: Linear, effect: Effect, size: float) -> Array:
     """Return how a further effect that acts all the time changes the residual, shape (2, B, K), not whitened."""
-    found = np.zeros(linear.raw.shape)
-    if size != effect.null:
+    found, noticeable = np.zeros(linear.raw.shape), effect.null + effect.size
+    if effect.straight and size != noticeable:
+        found = (size - effect.null) / effect.size * change_of(linear, effect, noticeable)
+    elif size != effect.null:
         scenes = tuple((on, effect.apply(s, size)) for on, s in linear.scenes)
         found = change_of_residual(linear.problem, effect, linear.scenes, scenes, linear.theta, linear.from_signals)
     found.setflags(write=False)  # it is kept

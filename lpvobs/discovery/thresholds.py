@@ -124,6 +124,8 @@ eighth of a step is still a step."""
 STILL = 1.0
 """[1] A fit, of a model or of one size, stops when a further step would lower the sum of squares, in units of the noise, by less
 than this. Set by choice: half a nat; held by run 11."""
+SETTLED = 0.01
+"""[1] A fit stops when its own weights would change its residual by less than this. Set by choice: noise is known no better."""
 PIN = 1e6
 """[1] Precision of a pinned unknown in units of its prior's. Set by rounding."""
 FARTHEST = 2.0

@@ -6,6 +6,7 @@ What is learned has a form that files can hold without knowing the engine.
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,18 +99,60 @@ Weights = tuple[NDArray[np.int64], Array]
 """Nodes (N, m) that take part in each of N values, and the weight of each, which add up to one."""
 
 
+@dataclass(frozen=True, eq=False)
+class Points:
+    """N points of a line, a plane or a space, between nodes along every axis; outside, the end holds."""
+
+    nodes: tuple[Array, ...]  # of each axis
+    at: tuple[Array, ...]  # of each axis, (N,)
+
+    @cached_property
+    def weights(self) -> Weights:
+        """The nodes that take part at every point, numbered row by row along the last axis, and their weights."""
+        return (on_line, on_surface, in_space)[len(self.nodes) - 1](*self.nodes, *self.at)
+
+    def interpolated(self, values: Array) -> Array:
+        """Return the interpolated values, shape (N,), of values at the nodes; the sum over `weights`, without storing them."""
+        nodes = tuple(np.array(each, dtype=float) for each in self.nodes)  # of one type for the compiler
+        return np.asarray(_between(nodes, np.stack(self.at), np.ascontiguousarray(values).reshape(-1)))
+
+
+@njit(cache=True)
+def _below(nodes, x, low):  # type: ignore[no-untyped-def]
+    """Return the node below a point, sought from another one, and the share of the way to the next node."""
+    inside = np.minimum(np.maximum(x, nodes[0]), nodes[-1])  # as numbers that are none stay none
+    while low < nodes.size - 2 and nodes[low + 1] <= inside:
+        low += 1
+    while low > 0 and nodes[low] > inside:
+        low -= 1
+    return low, (inside - nodes[low]) / (nodes[low + 1] - nodes[low])
+
+
+@njit(cache=True)
+def _between(nodes, at, values):  # type: ignore[no-untyped-def]
+    """Return the values at points, shape (axes, N), between the corners of their cells."""
+    axes, out = len(nodes), np.zeros(at.shape[1])
+    low, share = np.zeros(axes, np.int64), np.zeros(axes)
+    for k in range(at.shape[1]):
+        for a in range(axes):
+            low[a], share[a] = _below(nodes[a], at[a, k], low[a])
+        for corner in range(1 << axes):
+            node, weight = 0, 1.0
+            for a in range(axes):
+                above = (corner >> a) & 1
+                node = node * nodes[a].size + low[a] + above
+                weight *= share[a] if above else 1.0 - share[a]
+            out[k] += weight * values[node]
+    return out
+
+
 @njit(cache=True)
 def on_line(nodes: Array, x: Array) -> Weights:
     """Return which two of J nodes each of N points lies between, and their weights; outside, the end holds."""
     found, shares = np.empty((x.size, 2), np.int64), np.empty((x.size, 2))
     low = 0  # from one sample to the next, a signal seldom moves farther than the next nodes
     for k in range(x.size):
-        inside = np.minimum(np.maximum(x[k], nodes[0]), nodes[-1])  # as numbers that are none stay none
-        while low < nodes.size - 2 and nodes[low + 1] <= inside:
-            low += 1
-        while low > 0 and nodes[low] > inside:
-            low -= 1
-        share = (inside - nodes[low]) / (nodes[low + 1] - nodes[low])
+        low, share = _below(nodes, x[k], low)
         found[k, 0], found[k, 1] = low, low + 1
         shares[k, 0], shares[k, 1] = 1.0 - share, share
     return found, shares

@@ -100,6 +100,7 @@ class Effect:
     # standard error of its size where the engine is not its model, as a share of the change: neither a bench nor healthy drives
     # show how the balances respond to it
     unlearned: float = 0.0
+    straight: bool = False  # whether all balances change in proportion to how far the parameter is from `null`
 
     def having(self, value: float) -> "Effect":
         """Return the effect with another value of the constant inside it; raises TypeError if there is none."""
@@ -113,6 +114,11 @@ class Effect:
         """The effect with each value of the constant inside it that is tried, but its own."""
         inside = self.inside
         return () if inside is None else tuple(self.having(x) for x in inside.tried if x != inside.value)
+
+    @property
+    def late(self) -> bool:
+        """Whether it makes the reading of the sensor under test late."""
+        return self.place == "sensor" and self.unit == "s"
 
     @property
     def unusual(self) -> bool:

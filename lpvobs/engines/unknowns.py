@@ -14,7 +14,7 @@ import scipy
 from numpy.typing import NDArray
 
 from lpvobs.engines.constants import Within
-from lpvobs.engines.curves import Nodes, Weights, spans, values_at
+from lpvobs.engines.curves import Nodes, Points, spans
 from lpvobs.records import Array, Item
 
 NEGLIGIBLE = 1e-3
@@ -69,7 +69,7 @@ class Correction:
 
     balance: int | tuple[int, ...] | None  # or several; None for every balance: what the sensor itself does
     scale: Array  # (n,) [kg/s per unit of the component], what a correction of one adds to the flow
-    weights: Weights | None = None  # nodes and their shares at each place; None for a single number
+    points: Points | None = None  # the places between the nodes; None for a single number
 
     def on(self, count: int) -> list[int]:
         """Return which of so many balances it moves."""
@@ -85,14 +85,14 @@ class Correction:
 
     def moved_by(self, values: Array) -> Array:
         """Return the change of the flow by values of shape (size,), shape (n,) [kg/s]."""
-        return self.scale * (values[0] if self.weights is None else values_at(self.weights, values))
+        return self.scale * (values[0] if self.points is None else self.points.interpolated(values))
 
     def fill(self, full: Array, at: NDArray[np.int64]) -> None:
         """Put those that are not zero into an array (n, ...), where `at` (size,) has the column of each value."""
-        if self.weights is None:
+        if self.points is None:
             full[:, at[0]] = self.scale
         else:
-            nodes, share = self.weights
+            nodes, share = self.points.weights
             full[np.arange(self.scale.size)[:, None], at[nodes]] = share * self.scale[:, None]
 
 

@@ -133,7 +133,7 @@ class Answers:
         corrections = self.air_path.corrections(log, rates)
         answers, places = np.arange(self.unknowns.size) < q, [*self.unknowns.places().values()]
         for place, correction in zip(places, corrections, strict=True):
-            answers[place.start + (0 if correction.weights is None else correction.weights[0])] = True
+            answers[place.start + (0 if correction.points is None else correction.points.weights[0])] = True
         touched, at = np.flatnonzero(answers), np.cumsum(answers) - 1
         J = np.zeros((n, B, touched.size))
         J[:, :, :q] = found.slope.transpose(2, 0, 1)

@@ -35,6 +35,20 @@ def test_null_size_changes_nothing(one, linear):
     assert np.any(other.lacks != signals.lacks) or any(np.any(other[n] != x) for n, x in signals.value.items())
 
 
+@pytest.mark.parametrize("one", [e for e in CATALOGUE if e.straight], ids=lambda e: e.id)
+def test_balances_change_in_proportion_to_a_straight_effect(one, linear):
+    """So that the loop asks for the change at one size only, also beside another effect."""
+    problem, other = linear.problem, effect("compressor.flow")
+    there = replace(problem.signals, lacks=other.apply(problem.signals, 0.9).lacks)
+
+    def left(size):
+        return problem.model.imbalances(there.constants, one.apply(there, size), None)
+
+    once, thrice = (left(one.null + n * one.size) - left(one.null) for n in (1.0, 3.0))
+    assert np.abs(once).max() > 0.0
+    np.testing.assert_allclose(thrice, 3.0 * once, rtol=1e-6, atol=1e-12)  # kg/s
+
+
 @pytest.mark.parametrize(
     ("name", "size", "reading"),
     [

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from lpvobs.discovery.fit import between_windows, fit, pins, spread_of_sums, standard_errors, widened
+from lpvobs.discovery.fit import between_windows, fit, spread_of_sums, standard_errors, widened
 from lpvobs.discovery.linear import Term
+from lpvobs.discovery.normal import pins
 from lpvobs.discovery.thresholds import RESPONSE
 
 
@@ -66,7 +67,7 @@ def test_a_response_that_nothing_shows_is_part_of_it_where_the_engine_is_not_its
 def test_a_pinned_constant_is_not_a_known_one(stepped):
     constants = np.arange(stepped.beta.size + 1) < stepped.beta.size  # all but the effect's size
     pinned = replace(stepped, pinned=constants)
-    held = replace(pinned, normal=pinned.normal + pins(pinned))
+    held = replace(pinned, normal=pinned.normal + np.diag(pins(pinned)))
     # a twentieth: the steps through the wider window stop where the next one would gain less than a unit of noise
     assert standard_errors(held) == pytest.approx(standard_errors(stepped), rel=0.05)
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from reference.membership import psi
 
-from lpvobs.engines.curves import Nodes, on_line
+from lpvobs.engines.curves import Nodes, Points
 from lpvobs.engines.unknowns import Component, Correction, Unknowns, unknowns_of
 from lpvobs.maps.grid import Grid
 from lpvobs.observer import windows
@@ -247,7 +247,9 @@ def test_no_log_leaves_the_prior():
 def test_a_correction_moves_a_flow_by_its_share_at_the_nodes():
     nodes = Nodes(np.array([0.0, 1.0, 3.0]), "1", "input")
     component = Component("f", "1", "", 0.04, "f", {"x": nodes}, (2.0,))
-    found = Correction(1, np.array([2.0, 5.0]), on_line(nodes.values, np.array([0.25, 2.0]))).columns(component.size)
+    found = Correction(1, np.array([2.0, 5.0]), Points((nodes.values,), (np.array([0.25, 2.0]),))).columns(
+        component.size
+    )
     np.testing.assert_allclose(found, [[1.5, 0.5, 0.0], [0.0, 2.5, 2.5]])
     np.testing.assert_allclose(Correction(0, np.array([2.0, 5.0])).columns(1), [[2.0], [5.0]])
 

@@ -26,7 +26,7 @@ def trajectory_of(unit, log):
         if component.unit == "1":
             row, over, sign = PARTS.get(component.name, (2, "p_im", 1.0))
             values = unit.corrections[component.name]
-            share = values[0] if found.weights is None else values_at(found.weights, values)
+            share = values[0] if found.points is None else values_at(found.points.weights, values)
             parameters[row] += sign * found.scale * share / log[over]
     at = zip(parameters[0], *(log[name] for name in ("p_im", "omega_t", "p_amb", "T_amb")), strict=True)
     parameters[4] = [relations.rho_5(c, rho_1, relations.head(c, p, p_0), p, w, p_0, T) for rho_1, p, w, p_0, T in at]

@@ -7,6 +7,7 @@ mg/cycle.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from math import sqrt
 from typing import Annotated, Any, Protocol
 
@@ -16,7 +17,7 @@ from lpvobs.compiled import njit
 from lpvobs.engines import effects as shared
 from lpvobs.engines.base import MapAxis
 from lpvobs.engines.constants import Within
-from lpvobs.engines.curves import Nodes, Weights, nodes, on_surface
+from lpvobs.engines.curves import Nodes, Points, nodes
 from lpvobs.engines.effects import ALTITUDE, BOOST, SENSOR, Effect, Signals, fuel_gain, gain, lacking, offset
 from lpvobs.engines.unknowns import Component, LoopUnknowns
 from lpvobs.records import Array
@@ -162,12 +163,11 @@ def egr_area(c: Constants, u_egr: Array) -> Array:
     return np.asarray(c.A_egr_max * (c.c_egr1 * u + c.c_egr2) * u)
 
 
-def shape_weights(x: Mapping[str, Array]) -> tuple[Weights, Weights]:
-    """Return the nodes of `SHAPE` that n places lie between, and their shares."""
+def shape_points(x: Mapping[str, Array]) -> tuple[Points, Points]:
+    """Return where n places lie between the nodes of `SHAPE`."""
     n_e, p_im = x["n_e"], x["p_im"]
     turn = 6e4 / np.maximum(n_e, SLOWEST) * np.sqrt(x["T_im"] / USUAL_CHARGE)
-    waves = on_surface(TURN.values, DENSITY.values, turn, p_im)
-    return on_surface(SPEED.values, PRESSURE.values, n_e, p_im), waves
+    return Points((SPEED.values, PRESSURE.values), (n_e, p_im)), Points((TURN.values, DENSITY.values), (turn, p_im))
 
 
 def per_charge(W_ei: Array, x: Mapping[str, Array]) -> Array:
@@ -252,7 +252,7 @@ def on_the_intake(unfilled: Callable[[AsFound, Signals], Array]) -> Mapping[str,
         """Return reading over flow where the sensor's error falls with what passes it, by the same share."""
         return np.asarray(1.0 / (1.0 + shared.past_the_filter(s, area, s.constants.constants.R_a)))
 
-    laws = (shared.reading(with_error),)
+    laws, straight = (shared.reading(with_error),), partial(Effect, straight=True)
     found = (
         Effect("leak.inlet", "area", "m^2", 0.0, 3e-5, -3e-5, 5e-4, "sensor", bypass, ALTITUDE, True, laws=laws),
         fuel_gain("u_delta.gain", "u_delta"),
@@ -260,9 +260,9 @@ def on_the_intake(unfilled: Callable[[AsFound, Signals], Array]) -> Mapping[str,
         Effect("p_im.gain", "factor", "1", 1.0, 0.01, 0.7, 1.3, "p_im", gain("p_im"), BOOST),
         # where walls warm the charge, the filling follows T_im by 12 to 25 % less, and sizes came out 10 to 33 % too small
         Effect("T_im.lag", "tau", "s", 0.0, 3.0, -0.3, 20.0, "T_im", temperature_lag, EGR, unlearned=0.2),
-        Effect("leak.intake", "area", "m^2", 0.0, 5e-6, -2e-6, 2e-4, "intake", lacking(LACKS, "leak_intake"), BOOST),
-        Effect("egr.leak", "area", "m^2", 0.0, 3e-6, -1e-6, 1e-4, "EGR", lacking(LACKS, "egr_leak"), EGR, needs=("u_egr",)),
-        Effect("egr.area", "factor", "1", 1.0, 0.1, 0.2, 1.5, "EGR", lacking(LACKS, "egr_area"), EGR, needs=("u_egr",)),
-        Effect("eta_vol.factor", "factor", "1", 1.0, 0.03, 0.6, 1.3, "cylinders", lacking(LACKS, "eta_vol"), EGR),
+        straight("leak.intake", "area", "m^2", 0.0, 5e-6, -2e-6, 2e-4, "intake", lacking(LACKS, "leak_intake"), BOOST),
+        straight("egr.leak", "area", "m^2", 0.0, 3e-6, -1e-6, 1e-4, "EGR", lacking(LACKS, "egr_leak"), EGR, needs=("u_egr",)),
+        straight("egr.area", "factor", "1", 1.0, 0.1, 0.2, 1.5, "EGR", lacking(LACKS, "egr_area"), EGR, needs=("u_egr",)),
+        straight("eta_vol.factor", "factor", "1", 1.0, 0.03, 0.6, 1.3, "cylinders", lacking(LACKS, "eta_vol"), EGR),
     )  # fmt: skip
     return {**shared.on_the_reading(), **{effect.id: effect for effect in found}}

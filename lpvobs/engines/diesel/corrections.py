@@ -12,7 +12,7 @@ import numpy as np
 from lpvobs.compiled import njit
 from lpvobs.engines.components import intake
 from lpvobs.engines.components.intake import LOAD, OPENING
-from lpvobs.engines.curves import in_space, nodes, on_surface
+from lpvobs.engines.curves import Points, nodes
 from lpvobs.engines.diesel import relations as relation
 from lpvobs.engines.diesel.constants import DieselConstants
 from lpvobs.engines.followers import Follower
@@ -75,12 +75,12 @@ def flow_corrections(c: DieselConstants, x: Mapping[str, Array]) -> tuple[Correc
     U_c, rise = c.R_c * x["omega_t"], (p_im / x["p_amb"]) ** (1.0 - 1.0 / c.gamma_a) - 1.0
     Psi_c = np.asarray(2.0 * c.c_pa * x["T_amb"] * rise / U_c**2)
     return (
-        Correction(COMPRESSOR, _free_flow(c, x), on_surface(TIP_SPEED.values, HEAD.values, U_c, Psi_c)),
-        *(Correction(FILLING, W_ei, weights) for weights in intake.shape_weights(x)),
+        Correction(COMPRESSOR, _free_flow(c, x), Points((TIP_SPEED.values, HEAD.values), (U_c, Psi_c))),
+        *(Correction(FILLING, W_ei, points) for points in intake.shape_points(x)),
         Correction(FILLING, W_ei * (p_em / p_im - USUAL_RATIO)),
         Correction(FILLING, intake.per_charge(W_ei, x)),
         Correction(FILLING, W_ei * (T_ports - USUAL_HEAT) / 100.0),
-        Correction(FILLING, -nozzle, in_space(OPENING.values, RATIO.values, LOAD.values, x["u_egr"], p_im / p_em, x["u_delta"])),
+        Correction(FILLING, -nozzle, Points((OPENING.values, RATIO.values, LOAD.values), (x["u_egr"], p_im / p_em, x["u_delta"]))),
     )  # fmt: skip
 
 

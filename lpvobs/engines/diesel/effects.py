@@ -44,54 +44,62 @@ NUDGES = (1e-5, 1e-5, 1e-5, 1e-4, 1e-4, 1e-4)
 def imbalances_of(c: DieselConstants, x: Array, dx: Array, lacks: Array, flows: Array) -> Array:
     """Return what is left of each balance, shape (4, K) [kg/s]."""
     # x, dx : (12, K) values and rates in the order of `CHANNELS`; lacks : (7, K) in the order of `LACKS`; flows : (3, K)
-    # what corrections add to the flows of compressor, cylinders and EGR.
-    K = x.shape[1]
-    out = np.empty((4, K))
+    # what corrections add to the flows of compressor, cylinders and EGR. Each relation has a loop of its own: in one loop over
+    # all of them, every place waits for its own powers.
+    n_e, u_delta, u_egr, _, p_im, p_em, omega_t, T_im, T_em, p_amb, T_amb, W_maf = x
+    K = n_e.size
+    out, (head, rho_1, W_ei, W_egr, turned) = np.empty((4, K)), np.empty((5, K))
+    W_t, Pi_t = turbine(c, c.k_exhaust * lacks[6], x)
     for k in range(K):
-        n_e, u_delta, u_egr, u_vgt = x[0, k], x[1, k], x[2, k], x[3, k]
-        p_im, p_em, omega_t = x[4, k], x[5, k], x[6, k]
-        T_im, T_em, p_amb, T_amb = x[7, k], x[8, k], x[9, k], x[10, k]
-        head = relation.head(c, p_im, p_amb)
-        rho_1 = lacks[4, k] * (relation.rho_1_of(c, head, omega_t, p_amb, T_amb) + flows[0, k] / omega_t)
-        W_c = rho_1 * omega_t
-        W_ei = lacks[3, k] * (intake.rho_3(c, p_im, n_e, T_im) * p_im + flows[1, k])
-        W_egr = lacks[2, k] * (intake.rho_2(c, p_im, p_em, u_egr, T_im, T_em) * p_em + flows[2, k])
+        head[k] = relation.head(c, p_im[k], p_amb[k])
+    for k in range(K):
+        of_speed = relation.rho_1_of(c, head[k], omega_t[k], p_amb[k], T_amb[k])
+        rho_1[k] = lacks[4, k] * (of_speed + flows[0, k] / omega_t[k])
+    for k in range(K):
+        W_ei[k] = lacks[3, k] * (intake.rho_3(c, p_im[k], n_e[k], T_im[k]) * p_im[k] + flows[1, k])
+        rho_2 = intake.rho_2(c, p_im[k], p_em[k], u_egr[k], T_im[k], T_em[k])
+        W_egr[k] = lacks[2, k] * (rho_2 * p_em[k] + flows[2, k])
         if lacks[1, k] != 0.0:
-            W_egr += lacks[1, k] * intake.egr_per_area(c, p_im, p_em, T_im, T_em)
-        W_leak = lacks[0, k] * intake.escape(c, p_im, T_im, p_amb, T_amb) if lacks[0, k] != 0.0 else 0.0
-        stored = c.V_im / (c.R_a * T_im) * (dx[4, k] - p_im / T_im * dx[7, k])
-        restricted = c.k_exhaust * lacks[6, k]
-        W_t, Pi_t = turbine(c, restricted, p_em, u_vgt, T_em, p_amb)
-        W_f = intake.cylinder_fuel_flow(c, n_e, u_delta)
-        P_t = lacks[5, k] * relation.turbine_power(c, W_t, Pi_t, omega_t, T_em)
-        P_c = c.J_t * omega_t * omega_t * relation.rho_5(c, rho_1, head, p_im, omega_t, p_amb, T_amb)
-        out[0, k] = x[11, k] - W_c
-        out[1, k] = x[11, k] - (W_ei - W_egr + W_leak + stored)
-        out[2, k] = W_ei + W_f - W_t - W_egr - c.V_em / (c.R_e * T_em) * dx[5, k]
-        out[3, k] = (P_t - P_c - c.J_t * omega_t * dx[6, k]) / POWER
+            W_egr[k] += lacks[1, k] * intake.egr_per_area(c, p_im[k], p_em[k], T_im[k], T_em[k])
+    for k in range(K):
+        turned[k] = lacks[5, k] * relation.turbine_power(c, W_t[k], Pi_t[k], omega_t[k], T_em[k])
+    for k in range(K):
+        rho_5 = relation.rho_5(c, rho_1[k], head[k], p_im[k], omega_t[k], p_amb[k], T_amb[k])
+        turned[k] -= c.J_t * omega_t[k] * omega_t[k] * rho_5
+    for k in range(K):
+        W_leak = lacks[0, k] * intake.escape(c, p_im[k], T_im[k], p_amb[k], T_amb[k]) if lacks[0, k] != 0.0 else 0.0
+        stored = c.V_im / (c.R_a * T_im[k]) * (dx[4, k] - p_im[k] / T_im[k] * dx[7, k])
+        W_f = intake.cylinder_fuel_flow(c, n_e[k], u_delta[k])
+        out[0, k] = W_maf[k] - rho_1[k] * omega_t[k]
+        out[1, k] = W_maf[k] - (W_ei[k] - W_egr[k] + W_leak + stored)
+        out[2, k] = W_ei[k] + W_f - W_t[k] - W_egr[k] - c.V_em / (c.R_e * T_em[k]) * dx[5, k]
+        out[3, k] = (turned[k] - c.J_t * omega_t[k] * dx[6, k]) / POWER
     return out
 
 
 @njit(cache=True)
-def turbine(
-    c: DieselConstants, k_exhaust: float, p_em: float, u_vgt: float, T_em: float, p_amb: float
-) -> tuple[float, float]:
-    """Return W_t [kg/s] and Pi_t, with a back pressure p_amb + k_exhaust W_t^2 of its own."""
+def turbine(c: DieselConstants, k_exhaust: Array, x: Array) -> tuple[Array, Array]:
+    """Return W_t [kg/s] and Pi_t, shape (K,), with a back pressure p_amb + k_exhaust W_t^2 of its own."""
     # The engine's model makes three passes of the fixed point, `relation.turbine_pass`, and so is a clean exhaust here.
     # With a restriction the passes swing around the solution, or away from it: the more there is of it, the more the
     # solution counts.
-    scale = relation.turbine_scale(c, u_vgt, T_em)
-    p_es, W_t, Pi_t = p_amb, 0.0, 0.9999
+    # All places make one pass before the next: no place waits for its own power.
+    K, p_em, p_amb = x.shape[1], x[5], x[9]
+    scale, W_t, Pi_t = np.empty(K), np.zeros(K), np.empty(K)
+    for k in range(K):
+        scale[k] = relation.turbine_scale(c, x[3, k], x[8, k])
     for _ in range(3):
-        Pi_t = min(p_es / p_em, 0.9999)
-        W_t = scale * sqrt(1.0 - Pi_t**c.K_t) * p_em
-        p_es = p_amb + k_exhaust * W_t * W_t
-    if k_exhaust == c.k_exhaust:
-        return W_t, Pi_t
-    share = min(abs(k_exhaust / c.k_exhaust - 1.0) / RESTRICTED, 1.0)
-    solved = expansion(p_amb / p_em, k_exhaust * scale * scale * p_em, c.K_t)
-    Pi_t += share * (solved - Pi_t)
-    return scale * sqrt(1.0 - Pi_t**c.K_t) * p_em, Pi_t
+        for k in range(K):
+            Pi_t[k] = min((p_amb[k] + k_exhaust[k] * W_t[k] * W_t[k]) / p_em[k], 0.9999)
+            W_t[k] = scale[k] * sqrt(1.0 - Pi_t[k] ** c.K_t) * p_em[k]
+    for k in range(K):
+        if k_exhaust[k] == c.k_exhaust:
+            continue
+        share = min(abs(k_exhaust[k] / c.k_exhaust - 1.0) / RESTRICTED, 1.0)
+        solved = expansion(p_amb[k] / p_em[k], k_exhaust[k] * scale[k] * scale[k] * p_em[k], c.K_t)
+        Pi_t[k] += share * (solved - Pi_t[k])
+        W_t[k] = scale[k] * sqrt(1.0 - Pi_t[k] ** c.K_t) * p_em[k]
+    return W_t, Pi_t
 
 
 @njit(cache=True)
@@ -208,7 +216,7 @@ CATALOGUE = (
     Effect("omega_t.gain", "factor", "1", 1.0, 0.005, 0.8, 1.2, "omega_t", gain("omega_t"), BOOST),
     *(_SHARED[name] for name in ("T_im.lag", "leak.intake", "egr.leak", "egr.area", "eta_vol.factor")),
     Effect("compressor.flow", "factor", "1", 1.0, 0.03, 0.6, 1.3, "compressor", lacking(LACKS, "compressor"), BOOST),
-    Effect("turbine.efficiency", "factor", "1", 1.0, 0.03, 0.5, 1.5, "turbine", lacking(LACKS, "turbine"), BOOST),
+    Effect("turbine.efficiency", "factor", "1", 1.0, 0.03, 0.5, 1.5, "turbine", lacking(LACKS, "turbine"), BOOST, straight=True),
     Effect(
         "exhaust.restriction", "factor", "1", 1.0, 0.5, 0.3, 10.0, "exhaust", lacking(LACKS, "exhaust"), BOOST,
         unlearned=0.25,

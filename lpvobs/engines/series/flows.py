@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from lpvobs.engines.components import intake
 from lpvobs.engines.components.intake import LOAD, OPENING
-from lpvobs.engines.curves import in_space, nodes, on_surface
+from lpvobs.engines.curves import Points, nodes
 from lpvobs.engines.unknowns import Component, Correction, MeasuredPart
 from lpvobs.records import Array
 
@@ -110,16 +110,16 @@ def corrections(c: Any, x: Mapping[str, Array], rates: Mapping[str, Array]) -> t
     u_egr = np.nan_to_num(_read(x, "u_egr"))
     W_egr, per_area = egr(c, x, W_ei)
     driven = np.where(np.isfinite(_read(x, "p_em")), 0.0, np.nan_to_num(W_egr))
-    nozzle = in_space(OPENING.values, SPEED.values, LOAD.values, u_egr, x["n_e"], x["u_delta"])
+    nozzle = Points((OPENING.values, SPEED.values, LOAD.values), (u_egr, x["n_e"], x["u_delta"]))
     burnt = mixture(c, x, rates)
     late = rates.get("lambda_e", 0.0) / x.get("lambda_e", np.nan)
     both = (FILLING, RECIRCULATED)
     rises = W_ei * (rates["p_im"] / x["p_im"] + rates["n_e"] / np.maximum(x["n_e"], 300.0))
     return (
-        *(Correction(both, W_ei, weights) for weights in intake.shape_weights(x)),
+        *(Correction(both, W_ei, points) for points in intake.shape_points(x)),
         Correction(both, intake.per_charge(W_ei, x)),
         Correction(RECIRCULATED, -intake.egr_area(c, u_egr) * per_area, nozzle),
-        Correction(RECIRCULATED, -driven, on_surface(DRIVE_SPEED.values, DRIVE_LOAD.values, x["n_e"], x["u_delta"])),
+        Correction(RECIRCULATED, -driven, Points((DRIVE_SPEED.values, DRIVE_LOAD.values), (x["n_e"], x["u_delta"]))),
         Correction(both, -c.A_egr_max * per_area),
         Correction(MIXTURE, burnt * late),
         Correction(None, -rises),

@@ -181,7 +181,7 @@ class SpeedDensity(SeriesPath):
         """Return how the shape of the filling moves it."""
         x = log.channels
         W_ei = intake.cylinder_flow(self.constants, x)
-        shape = (Correction(0, W_ei, weights) for weights in intake.shape_weights(x))
+        shape = (Correction(0, W_ei, points) for points in intake.shape_points(x))
         return (*shape, Correction(0, intake.per_charge(W_ei, x)))
 
     def flows(self, c: Any, x: Columns, rates: Columns) -> Array:

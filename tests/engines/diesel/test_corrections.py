@@ -62,7 +62,7 @@ def test_waves_come_back_in_the_same_time_at_any_speed(air_path, boosted, rates)
     waves = NAMES.index("eta_vol_waves")
     hot = {"T_im": 1.21 * boosted["T_im"], "n_e": 1.1 * boosted["n_e"]}
     found = [
-        air_path.corrections(log, rates)[waves].weights
+        air_path.corrections(log, rates)[waves].points.weights
         for log in (boosted, replace(boosted, channels={**boosted.channels, **hot}))
     ]
     np.testing.assert_array_equal(found[0][0], found[1][0])
@@ -118,7 +118,7 @@ def test_a_sensor_that_lags_reads_the_value_of_before(air_path, boosted, rates, 
 def test_values_at_nodes_are_shares_that_add_up_to_one(air_path, boosted, rates):
     for component, correction in zip(COMPONENTS, air_path.corrections(boosted, rates), strict=True):
         if component.axes:
-            nodes, share = correction.weights
+            nodes, share = correction.points.weights
             np.testing.assert_allclose(share.sum(axis=1), 1.0, rtol=1e-12)
             assert share.min() >= 0.0
             assert nodes.min() >= 0

@@ -9,7 +9,7 @@ from reference import throttled_drive as truth
 from repository import LIU_ICE
 
 from lpvobs.engines.blocks import blocks_of
-from lpvobs.engines.curves import on_line, on_surface, values_at
+from lpvobs.engines.curves import Points, on_line, on_surface, values_at
 from lpvobs.engines.throttled import relations as relation
 from lpvobs.engines.throttled.learning import learn
 from lpvobs.engines.throttled.lpv import CONSTANTS, Throttled
@@ -46,6 +46,15 @@ def test_interpolation_is_exact_at_nodes_and_held_outside():
     surface = np.array([[0.0, 1.0, 3.0], [10.0, 11.0, 13.0]])  # y + 5 x
     found = values_at(on_surface(rows, nodes, np.array([0.5, 1.7]), np.array([0.5, 2.0])), surface)
     np.testing.assert_allclose(found, [3.0, 10.5])
+
+
+@pytest.mark.parametrize("axes", [1, 2, 3])
+def test_interpolation_without_weights_is_that_with_them(axes):
+    rng = np.random.default_rng(axes)
+    nodes = tuple(np.sort(rng.uniform(0.0, 1.0, size)) for size in (4, 3, 5)[:axes])
+    points = Points(nodes, tuple(rng.uniform(-0.2, 1.2, (axes, 200))))
+    values = rng.normal(size=[each.size for each in nodes])
+    np.testing.assert_allclose(points.interpolated(values), values_at(points.weights, values), rtol=1e-12, atol=1e-12)
 
 
 @pytest.mark.parametrize("ratio", [0.1, 0.5283, 0.7, 0.95])
