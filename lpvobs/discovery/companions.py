@@ -117,10 +117,12 @@ def pruned(linear: Linear, accepted: Sequence[Candidate]) -> tuple[Sequence[Cand
 
 
 def _is_part(i: int, strong: Sequence[float], terms: Sequence[Term]) -> bool:
-    """Return whether a term acts at the place of a stronger one from the same moment on."""
+    """Return whether a term acts at the place of a stronger one from the same moment on, or makes the reading late as that does."""
     own = terms[i]
     alike = [
-        term.effect.place == own.effect.place and abs(term.begin - own.begin) <= thresholds.COARSE for term in terms
+        (term.effect.place == own.effect.place and abs(term.begin - own.begin) <= thresholds.COARSE)
+        or (term.effect.late and own.effect.late and term.whole and own.whole)
+        for term in terms
     ]
     return any(same and further > strong[i] for same, further in zip(alike, strong, strict=True))
 

@@ -20,7 +20,7 @@ from lpvobs.discovery.linear import Linear, changed_by, dot
 from lpvobs.discovery.ranking import chance, is_proven, rank, rank_in
 from lpvobs.discovery.residual import Problem, Term
 from lpvobs.discovery.sizes import slope_of
-from lpvobs.discovery.thresholds import CLOSE, ONE_SIDED, PASSES, SHAPE, SHORTLIST, TIE
+from lpvobs.discovery.thresholds import CLOSE, HALF_WIDTH, ONE_SIDED, PASSES, SHAPE, SHORTLIST, TIE
 from lpvobs.engines.effects import Effect
 
 
@@ -224,7 +224,7 @@ def finished(
     own = replace(in_place(linear, index, candidate), gain=float((loss_of(bare) - loss_of(linear)).sum()))
     like = _as_fitted(linear, bare, own)
     others = [e for e in problem.catalogue if e.id != own.id and (own.changes or not problem.absorbs(e))]
-    others += [replace(e, apply=law) for e in others for law in e.laws]
+    others += [replace(e, apply=law, straight=False) for e in others for law in e.laws]
     others += [e for e in forms if cause_of(e.id) != cause_of(own.id)]
     if term.course is not None:
         able = [e for e in others if term.course.name not in GRADED or can_be_graded(e)]
@@ -263,11 +263,17 @@ def fits_as_well(best: Candidate, other: Candidate, problem: Problem) -> bool:
     Two tests compare the losses by block, and neither may prefer the best effect: the sum of the differences (after Vuong), which
     a single block with a large difference may spoil, and their signed ranks, which many blocks with small differences may spoil.
     Where all blocks together differ by less than a tie, neither test is needed. Where healthy drives tell, the engine is not the
-    model, and a cause is not quite the catalogue's: gains that differ by what its shape is off by are a tie.
+    model, and a cause is not quite the catalogue's: gains that differ by what its shape is off by are a tie. A dead time and a
+    slow response that are shorter than the window of a place differ in the fastest changes alone, in which such an engine has
+    errors of its own: either may be the other.
     """
-    tie = max(TIE, SHAPE**2 * best.gain if len(problem.patterns) else 0.0)
+    learned = len(problem.patterns) > 0
+    tie = max(TIE, SHAPE**2 * best.gain if learned else 0.0)
     if other.gain > best.gain - tie:
         return True
+    short = [each.term.effect.late and abs(each.term.size) < 2.0 * HALF_WIDTH for each in (best, other)]
+    if learned and all(short):
+        return other.gain > 0.5 * best.gain
     difference = problem.by_coarse(other.loss - best.loss)
     ranks = (1 + np.argsort(np.argsort(np.abs(difference)))) * np.sign(difference)
     statistics = (float(x.sum() / max(np.sqrt(x @ x), 1e-300)) for x in (difference, ranks))

@@ -152,15 +152,23 @@ def test_two_effects_that_are_nearly_opposite_do_not_explain_each_other(better):
 )
 def test_what_begins_with_a_stronger_effect_at_its_place_is_part_of_it(place, begin, kept):
     terms = [
-        SimpleNamespace(effect=SimpleNamespace(place="sensor"), begin=100.0),
-        SimpleNamespace(effect=SimpleNamespace(place=place), begin=begin),
+        SimpleNamespace(effect=SimpleNamespace(place="sensor", late=False), begin=100.0),
+        SimpleNamespace(effect=SimpleNamespace(place=place, late=False), begin=begin),
     ]
     assert [i for i in (0, 1) if not companions._is_part(i, [400.0, 60.0], terms)] == kept
 
 
 def test_two_effects_of_the_whole_drive_are_two():
-    terms = [SimpleNamespace(effect=SimpleNamespace(place="sensor"), begin=-np.inf) for _ in range(2)]
+    terms = [SimpleNamespace(effect=SimpleNamespace(place="sensor", late=False), begin=-np.inf) for _ in range(2)]
     assert not any(companions._is_part(i, [400.0, 60.0], terms) for i in (0, 1))
+
+
+def test_a_reading_is_late_for_one_reason(plant):
+    """A sensor with a lag of 101 ms was named a delay of 67 ms and a lag of 35 ms."""
+    terms = [Term(plant.effect(name), 0.05) for name in ("maf.delay", "maf.lag", "maf.gain")]
+    assert [companions._is_part(i, [400.0, 60.0, 60.0], terms) for i in range(3)] == [False, True, False]
+    begun = [terms[0], replace(terms[1], begin=100.0)]
+    assert not any(companions._is_part(i, [400.0, 60.0], begun) for i in (0, 1))
 
 
 def judged_again(id_="maf.delay", begin=190.6, end=np.inf, gain=30.0, course=None, patterns=(1,)):

@@ -9,7 +9,7 @@ import scipy
 from lpvobs.discovery import form_search, ranking, select
 from lpvobs.discovery.evidence import Candidate
 from lpvobs.discovery.patterns import Seeming
-from lpvobs.discovery.ranking import chance, is_proven
+from lpvobs.discovery.ranking import FAMILIES, chance, is_proven
 from lpvobs.discovery.thresholds import COST, LEAST_LENGTH, SLIGHT
 
 
@@ -26,15 +26,16 @@ def judged(gain, told, degrees=np.inf, candidates=20, blocks=1, begin=-np.inf):
 def test_a_size_whose_variation_few_drives_tell_is_less_sure():
     gain = 20.0
     noise_alone, _ = judged(gain, 1.0, degrees=12)
-    assert noise_alone == pytest.approx(2 * 20 * scipy.stats.chi2.sf(2.0 * gain, 1), rel=0.01)
+    assert noise_alone == pytest.approx(FAMILIES * 20 * scipy.stats.chi2.sf(2.0 * gain, 1), rel=0.01)
     beside_variation, _ = judged(2.0 * gain, 0.5, degrees=12)  # as far from none, in standard deviations
-    assert beside_variation == pytest.approx(2 * 20 * 2.0 * scipy.stats.t.sf(np.sqrt(2.0 * gain), 48))
+    assert beside_variation == pytest.approx(FAMILIES * 20 * 2.0 * scipy.stats.t.sf(np.sqrt(2.0 * gain), 48))
     assert judged(2.0 * gain, 0.5, degrees=np.inf)[0] == pytest.approx(noise_alone, rel=0.01)
 
 
 def test_an_effect_is_proven_by_what_is_left_beside_healthy_variation_and_matters_by_all_of_it():
     assert judged(20.0, 0.5)[1]
-    assert not judged(15.0, 0.3)[1]  # 40 P(chi2 > 9) = 0.1
+    assert not judged(15.0, 0.3)[1]  # 80 P(chi2 > 9) = 0.2
+    assert not judged(15.1, 0.477)[1]  # 80 P(chi2 > 14.4) = 0.012, of which half counted before courses and curves did
     assert not judged(14.0, 1.0)[1]  # fifteen are asked, whatever the probability
 
 
