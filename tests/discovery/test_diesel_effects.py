@@ -66,6 +66,15 @@ def test_a_sensor_effect_undoes_what_the_sensor_did(name, size, reading, linear)
     np.testing.assert_allclose(effect(name).apply(seen, size)["W_maf"], truth, rtol=1e-9)
 
 
+def test_no_slow_sensor_makes_a_charge_colder_than_air_can_be(linear):
+    """One instant at which T_im fell by 30 K in a second had the charge at -17 K, and the fit ended in no number."""
+    signals = linear.problem.signals
+    fell = replace(signals, slow=lambda _: np.full(signals.time.size, -40.0))
+    warmer = effect("T_im.lag").apply(fell, 10.0)
+    assert warmer["T_im"].min() == 200.0
+    assert np.isfinite(linear.problem.model.imbalances(warmer.constants, warmer, None)).all()
+
+
 def test_a_dead_time_leaves_what_else_is_wrong_with_the_reading(linear):
     """A reading that is 10 % too large and late: with the gain undone, the dead time moves a signal that is as much smaller."""
     signals = linear.problem.signals

@@ -25,6 +25,7 @@ from lpvobs.records import Array
 FUEL_AXIS = MapAxis("u_delta", "mg/cycle", "injected fuel per cylinder and cycle")
 EGR = "the same operating points, once with the EGR valve open and once with it shut"
 SLOWEST = 60.0  # [rpm], far below idling: an engine that stands still has no time of a revolution
+COLDEST = 200.0  # [K], below the coldest winter: a rate that a slow sensor's jump gives would take a charge below zero
 USUAL_CHARGE = 320.0  # [K], T_im at which the slope of the filling adds nothing
 SPEED = nodes("rpm", "engine speed", 600, 1000, 1400, 1800, 2300, 2900, 3600, 4400)
 TURN = Nodes(np.arange(12.0, 90.1, 1.2), "ms", "time of a revolution, times sqrt(T_im / 320 K)")
@@ -229,8 +230,8 @@ def found_around(constants: Any, point: LoopUnknowns) -> Callable[[Array], AsFou
 
 
 def temperature_lag(s: Signals, tau: float) -> Signals:
-    """Return the temperature before a slow sensor; its rate is read through a wide window."""
-    return s.corrected("T_im", s["T_im"] + tau * s.slow("T_im"))
+    """Return the temperature before a slow sensor, no colder than any air; its rate is read through a wide window."""
+    return s.corrected("T_im", np.maximum(s["T_im"] + tau * s.slow("T_im"), COLDEST))
 
 
 LACKS = {"leak_intake": 0.0, "egr_leak": 0.0, "egr_area": 1.0, "eta_vol": 1.0}
