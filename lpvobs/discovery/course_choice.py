@@ -15,14 +15,7 @@ from lpvobs.compiled import njit
 from lpvobs.discovery import thresholds
 from lpvobs.discovery.courses import GRADED, TracedCourse, can_be_graded, hystereses, in_time, lags, near, on_course
 from lpvobs.discovery.curves import channel_candidates
-from lpvobs.discovery.evidence import (
-    Candidate,
-    best_first,
-    fit_candidate,
-    penalty,
-    score,
-    with_best_interval,
-)
+from lpvobs.discovery.evidence import Candidate, best_first, fit_candidate, penalty, score, with_best_interval
 from lpvobs.discovery.fit import with_term, without
 from lpvobs.discovery.linear import Linear, cancels, residual_with
 from lpvobs.discovery.ranking import least_gain

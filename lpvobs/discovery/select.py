@@ -237,10 +237,8 @@ def _has_slight(linear: Linear) -> bool:
 
     They do so all along, and do not drift.
     """
-    lasting = [
-        t for t in linear.terms if t.whole and t.curve is None and t.course is None and t.effect.parameter != "rate"
-    ]
-    listed = [t for t in lasting if not t.effect.id.startswith(PREFIX)]
+    lasting = [t for t in linear.terms if t.whole and t.curve is None and t.course is None]
+    listed = [t for t in lasting if t.effect.parameter != "rate" and not t.effect.id.startswith(PREFIX)]
     slight = any(abs(t.size - t.effect.null) < thresholds.SLIGHT * t.effect.size for t in listed)
     return slight and len(linear.problem.patterns) > 0
 

@@ -80,10 +80,9 @@ def imbalances_of(c: DieselConstants, x: Array, dx: Array, lacks: Array, flows: 
 @njit(cache=True)
 def turbine(c: DieselConstants, k_exhaust: Array, x: Array) -> tuple[Array, Array]:
     """Return W_t [kg/s] and Pi_t, shape (K,), with a back pressure p_amb + k_exhaust W_t^2 of its own."""
-    # The engine's model makes three passes of the fixed point, `relation.turbine_pass`, and so is a clean exhaust here.
-    # With a restriction the passes swing around the solution, or away from it: the more there is of it, the more the
-    # solution counts.
-    # All places make one pass before the next: no place waits for its own power.
+    # The engine's model makes three passes of the fixed point, `relation.turbine_pass`, and so is a clean exhaust here. All
+    # places make one pass before the next: no place waits for its own power. With a restriction the passes swing around
+    # the solution, or away from it: the more there is of it, the more the solution counts.
     K, p_em, p_amb = x.shape[1], x[5], x[9]
     scale, W_t, Pi_t = np.empty(K), np.zeros(K), np.empty(K)
     for k in range(K):
