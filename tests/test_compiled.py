@@ -30,7 +30,7 @@ def test_a_search_uses_nothing_of_scipy_that_takes_long_to_load(path):
     }
     # a healthy drive is learned from once, by `estimate`, and a search needs no optimiser
     assert parts <= {"linalg", "ndimage", "special", "sparse"} | (
-        {"optimize"} if path.stem == "healthy_learning" else set()
+        {"optimize"} if path.stem == "likeliest" else set()
     )
 
 

@@ -9,8 +9,9 @@ constants, and their effect cancels. The fast error widens the noise. Where an e
 along by its derivative.
 
 The function is a Gaussian process: bells over the channels around instants of the healthy drives, and a line over their rates,
-since sensors that are slow when the engine is healthy stay slow. Where a drive goes elsewhere the bells end, and what the
-function would have said counts as noise.
+since sensors that are slow when the engine is healthy stay slow. How far a bell reaches along each channel is what makes the
+drives likeliest, for every balance: the ambient pressure of six days says little of a seventh. Where a drive goes elsewhere the
+bells end, and what the function would have said counts as noise.
 """
 
 from collections.abc import Mapping
@@ -42,9 +43,12 @@ class HealthyDrive:
     middle: Annotated[Array, Item("SI", "mean of each channel and of each rate", ("input",))]
     spread: Annotated[Array, Item("SI", "standard deviation of each channel and of each rate", ("input",))]
     centres: Annotated[
-        Array, Item("1", "middle of a bell, in standard deviations from the channel's mean", ("bell", "channel"))
+        Array,
+        Item("1", "middle of a bell, in standard deviations from a channel's mean", ("balance", "bell", "channel")),
     ]
-    width: Annotated[float, Item("1", "width of a bell, in standard deviations of the channel")]
+    lengths: Annotated[
+        Array, Item("1", "length of the bells along a channel, in its standard deviations", ("balance", "channel"))
+    ]
     weights: Annotated[
         Array, Item("kg/s", "weight of each bell and each line in the residual of a balance", ("balance", "feature"))
     ]
@@ -94,10 +98,11 @@ class HealthyDrive:
         return every * thresholds.SPACING
 
     @cached_property
-    def _root(self) -> Array:
-        """Inverse of the lower Cholesky factor of the bells' own kernel, shape (m, m)."""
-        kernel = _bells(self.centres, self.centres, self.width)
-        return np.asarray(np.linalg.inv(np.linalg.cholesky(kernel + thresholds.RIDGE * np.eye(len(kernel)))))
+    def _roots(self) -> Array:
+        """Inverse of the lower Cholesky factor of the bells' own kernel in each balance, shape (B, m, m)."""
+        own = (_bells(centres, centres, lengths) for centres, lengths in zip(self.centres, self.lengths, strict=True))
+        ridge = thresholds.RIDGE * np.eye(self.centres.shape[1])
+        return np.array([np.linalg.inv(np.linalg.cholesky(kernel + ridge)) for kernel in own])
 
     def engine(self, model: ResidualModel) -> ResidualModel:
         """Return the engine as the healthy drives show it, from the one beside the map."""
@@ -113,22 +118,26 @@ class HealthyDrive:
         scaled = np.clip((along - self.middle) / self.spread, -thresholds.FAR, thresholds.FAR)
         return np.asarray(scaled.reshape(2, K, -1)[::-1])
 
-    def features(self, inputs: Array) -> Array:
-        """Return independent features of unit variance before any data, shape (n, m + r), of inputs of shape (n, c + r)."""
+    def features(self, inputs: Array, b: int) -> Array:
+        """Return independent features of unit variance before any data, shape (n, m + r), of inputs of shape (n, c + r).
+
+        They are those of balance b.
+        """
         c = len(self.channels)
-        bells = _bells(inputs[:, :c], self.centres, self.width) @ self._root.T
+        bells = _bells(inputs[:, :c], self.centres[b], self.lengths[b]) @ self._roots[b].T
         return np.hstack([bells, inputs[:, c:]])
 
     def along(self, problem: Problem) -> Array:
-        """Return the features along a problem, shape (K, m + r): the mean of both views."""
-        return np.asarray(np.mean([self.features(view) for view in self.inputs(problem)], axis=0))
+        """Return the features of every balance along a problem, shape (B, K, m + r): the mean of both views."""
+        one, other = self.inputs(problem)
+        return np.array([0.5 * (self.features(one, b) + self.features(other, b)) for b in range(len(self.balances))])
 
     def expected(self, problem: Problem, features: Array) -> tuple[Array, Array]:
         """Return what a healthy engine leaves [kg/s], and the variance of its errors beyond, over that of white noise, (B, K)."""
-        known = np.clip((features[:, : len(self.centres)] ** 2).sum(1), 0.0, 1.0)
-        unsure = np.outer((self.amplitude / self.scale) ** 2, 1.0 - known)
+        known = np.clip((features[..., : self.centres.shape[1]] ** 2).sum(2), 0.0, 1.0)
+        unsure = ((self.amplitude / self.scale) ** 2)[:, None] * (1.0 - known)
         lasting = np.maximum(self.lasting / problem.spacing, 1.0)
-        return self.weights @ features.T, lasting[:, None] * (1.0 + unsure)
+        return np.einsum("bm,bkm->bk", self.weights, features), lasting[:, None] * (1.0 + unsure)
 
     def taken_off(self, problem: Problem, modes: Array | None = None) -> Problem:
         """Return the problem that asks for what has changed, for any width of the windows.
@@ -142,7 +151,7 @@ class HealthyDrive:
         modes = self._shown_modes(problem, answers - learned, wider) if modes is None else modes
         model = _in_modes(problem.model, modes, answers - learned)
         learned = np.tensordot(modes[: len(learned)].T, learned, 1)
-        slow = (self._slow(problem, features, b, wider[b]) for b in range(len(self.balances)))
+        slow = (self._slow(problem, features[b], b, wider[b]) for b in range(len(self.balances)))
         return self._beside_healthy(problem, modes, learned, model, Patterns(tuple(slow)))
 
     def _where_known(self, problem: Problem) -> Problem:
@@ -155,8 +164,8 @@ class HealthyDrive:
 
         With other constants the healthy drives would have left something else, and what both drives show of a constant cancels.
         """
-        features = np.concatenate([self.features(view) for view in self.inputs(problem)[::-1]])
-        return np.asarray(np.einsum("cm,bmn->nbc", features, self.by_constant, optimize=True))
+        inputs = np.concatenate(self.inputs(problem)[::-1])
+        return np.stack([self.features(inputs, b) @ each for b, each in enumerate(self.by_constant)]).transpose(2, 0, 1)
 
     def _beside_healthy(
         self, problem: Problem, modes: Array, learned: Array, model: ResidualModel, patterns: Patterns
@@ -194,16 +203,21 @@ class HealthyDrive:
 
     def _follows(self, problem: Problem) -> Mapping[str, tuple[Array, Array]]:
         """Return the derivatives of what a healthy engine leaves by value and rate of each channel but the sensor, (B, K)."""
-        inputs, c, m = self.inputs(problem).mean(0), len(self.channels), len(self.centres)
-        here, bells = inputs[:, :c], _bells(inputs[:, :c], self.centres, self.width)
-        slopes = np.empty((len(self.balances), *inputs.shape))
-        for slope, weights, lines in zip(slopes, self.weights[:, :m] @ self._root, self.weights[:, m:], strict=True):
-            pulled = bells * weights
-            slope[:, :c] = (pulled @ self.centres - pulled.sum(1)[:, None] * here) / self.width**2
-            slope[:, c:] = lines
-        slopes = np.moveaxis(slopes * (np.abs(inputs) < thresholds.FAR) / self.spread, 2, 0)
+        c = len(self.channels)
+        slopes = np.moveaxis(np.mean([self._slopes(view) for view in self.inputs(problem)], axis=0) / self.spread, 2, 0)
         by_rate = dict(zip(self.rates, slopes[c:], strict=True))
         return {name: (by_value, by_rate[name]) for name, by_value in zip(self.channels, slopes[:c], strict=True)}
+
+    def _slopes(self, inputs: Array) -> Array:
+        """Return the derivatives of the function of every balance by its inputs, shape (n, c + r), shape (B, n, c + r)."""
+        c = len(self.channels)
+        slopes = np.empty((len(self.balances), *inputs.shape))
+        for b, (slope, centres, lengths) in enumerate(zip(slopes, self.centres, self.lengths, strict=True)):
+            bells, lines = np.split(self.weights[b], [len(centres)])
+            pulled = _bells(inputs[:, :c], centres, lengths) * (bells @ self._roots[b])
+            slope[:, :c] = (pulled @ centres - pulled.sum(1)[:, None] * inputs[:, :c]) / lengths**2
+            slope[:, c:] = lines
+        return slopes * (np.abs(inputs) < thresholds.FAR)
 
     def _seeming(self, problem: Problem) -> Seeming:
         """Return what a healthy engine seems to have of every effect, and of what acts in the place of some: their mean."""
@@ -272,9 +286,10 @@ def where_the_map_stands(problem: Problem) -> Problem:
     return replace(problem, shown=problem.shown & rests_on(problem.prior.estimated, nodes))
 
 
-def _bells(x: Array, centres: Array, width: float) -> Array:
+def _bells(x: Array, centres: Array, lengths: Array) -> Array:
+    x, centres = x / lengths, centres / lengths
     distance = (x**2).sum(1)[:, None] + (centres**2).sum(1) - 2.0 * x @ centres.T
-    return np.asarray(np.exp(-0.5 * np.maximum(distance, 0.0) / width**2))
+    return np.asarray(np.exp(-0.5 * np.maximum(distance, 0.0)))
 
 
 def logs_of(problem: Problem) -> Array:

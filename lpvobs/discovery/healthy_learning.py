@@ -6,7 +6,7 @@ Each healthy drive is judged by the others, too: the size of an effect varies by
 differs from day to day. A fault must be larger.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -20,14 +20,13 @@ from lpvobs.discovery.fit import fit
 from lpvobs.discovery.healthy_drive import (
     HealthyDrive,
     by_constants,
-    logs_of,
     memory,
-    minutes_of,
     root_of_constants,
     where_the_map_stands,
     with_map,
 )
 from lpvobs.discovery.imbalances import imbalances_at, map_along, operating_nodes, scenes_with
+from lpvobs.discovery.likeliest import LEAST_PIECES, START, likeliest, likeliest_lengths, pieces, usual_lengths
 from lpvobs.discovery.noise import beyond_usual
 from lpvobs.discovery.places import moves
 from lpvobs.discovery.residual import MapPrior, Problem, lay_out
@@ -124,33 +123,32 @@ def learned_from(model: ResidualModel, grid: Grid, prior: MapPrior, logs: Sequen
 
 
 def left_of(problem: Problem, logs: Sequence[str]) -> HealthyDrive:
-    """Return what an engine leaves on healthy drives.
-
-    The width of the bells is the best of some, the variances are the likeliest of all drives.
-    """
+    """Return what an engine leaves on healthy drives, with the likeliest lengths of the bells and variances of all errors."""
     problem = where_the_map_stands(problem)
     B, K = problem.shown.shape
     scenes = scenes_with(problem, (), np.zeros(problem.spread.size))
     left = imbalances_at(problem, scenes, np.zeros(problem.spread.size)).reshape(B, 2, K)
     left = left - (problem.by_reading * map_along(problem.prior.mean, operating_nodes(problem, scenes)))[:, None]
-    found, shares = [], (_START,) * B
-    for width in thresholds.BELL_WIDTHS:
-        bare = _bare(problem, logs, width)
+    bare = _bare(problem, logs)
+    function, shares = np.zeros((B, K)), (START,) * B
+    for number in range(thresholds.PASSES):
+        scale = _scales(left.mean(1) - function, problem)
+        rows = (problem.shown, left.mean(1), scale, shares)
+        if number:  # the scale is that of noise now
+            bare = _with_lengths(bare, problem, zip(*rows, strict=True))
         middle = bare.along(problem)
-        weights = (np.zeros(middle.shape[1]),) * B
-        for _ in range(thresholds.PASSES):
-            scale = _scales(left.mean(1) - np.array(weights) @ middle.T, problem)
-            rows = zip(problem.shown, left.mean(1), scale, shares, strict=True)
-            shares, weights, unlikely = zip(*(_likeliest(problem, middle, *row) for row in rows), strict=True)
-        found.append((sum(unlikely), bare, scale, shares))
-    _, bare, scale, shares = min(found, key=lambda item: item[0])
-    features = np.stack([bare.features(view) for view in bare.inputs(problem)])
+        shares, sizes = zip(*(likeliest(problem, *row) for row in zip(middle, *rows, strict=True)), strict=True)
+        function = np.einsum("bm,bkm->bk", sizes, middle)
     by_constant = with_map(problem, by_constants(problem)).reshape(-1, B, 2, K)
     every = np.concatenate([left[None], by_constant]).swapaxes(0, 1)
-    each = (_learned(problem, features, *row) for row in zip(problem.shown, every, scale, shares, strict=True))
+    views = bare.inputs(problem)
+    each = (
+        _learned(problem, np.stack([bare.features(view, b) for view in views]), *row)
+        for b, row in enumerate(zip(problem.shown, every, scale, shares, strict=True))
+    )
     own = _LearnedBalance(*map(np.array, zip(*each, strict=True)))
     weights = own.weights[..., 0]
-    rest = _scales(left.mean(1) - weights @ features.mean(0).T, problem)
+    rest = _scales(left.mean(1) - np.einsum("bm,bkm->bk", weights, middle), problem)
     return replace(
         bare, weights=weights, by_constant=own.weights[..., 1:], amplitude=own.amplitude, unsure=own.unsure,
         scale=np.array([np.median(row[on]) if on.any() else 1.0 for row, on in zip(rest, problem.shown, strict=True)]),
@@ -169,61 +167,6 @@ class _LearnedBalance(NamedTuple):
     slow: Array
 
 
-_START = np.array([1.0, 0.0, *np.log([thresholds.SLOW_SHARE] * 2)])
-_LEAST_PIECES = 10  # pieces below which nothing is learned of a balance
-
-
-def _pieces(problem: Problem, shown: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Return where a new stretch of `PIECE` begins among the places where a balance counts."""
-    return np.flatnonzero(np.diff((problem.clock[shown] // thresholds.PIECE).astype(np.int64), prepend=-1))
-
-
-def _likeliest(
-    problem: Problem, features: Array, shown: NDArray[np.bool_], left: Array, scale: Array, start: Array = _START
-) -> tuple[Array, Array, float]:
-    """Return what means over `PIECE` say of a balance where it counts; `features`, `left`, `scale` have K rows, one a place.
-
-    That is the logarithms of the variances of largest likelihood, of the fast error, the function, and the slow ones; the weights
-    of the function; and the negative logarithm of that likelihood.
-    """
-    first, m = _pieces(problem, shown), features.shape[1]
-    if first.size < _LEAST_PIECES:
-        return start, np.zeros(m), 0.0
-    weight, usual = scale[shown] ** -2.0, float(np.median(scale[shown]))
-    total = np.add.reduceat(weight, first)
-
-    share = weight / np.repeat(total, np.diff(first, append=weight.size))
-    mean = scipy.sparse.csr_array(
-        (share, np.flatnonzero(shown), np.append(first, share.size)), (first.size, shown.size)
-    )
-    y, slow = mean @ left, (logs_of(problem), minutes_of(problem))
-    means = usual * np.hstack([mean @ columns for columns in (features, *slow)])
-    of = np.repeat([0, 1, 2], [m, *(columns.shape[1] for columns in slow)])
-    gram, seen, alone = means.T @ (total[:, None] * means), means.T @ (total * y), float(y @ (total * y))
-
-    def posterior(x: Array) -> tuple[Array, Array, Array]:
-        # cov(y) = e^x_0 / total + M S^2 M', where S has e^(x_i / 2) for the columns of kind i. By Woodbury, in as many
-        # dimensions as there are columns: B = 1 + e^-x_0 S M' total M S, and B^-1 is the covariance of their sizes.
-        S = np.exp(0.5 * x[1:])[of]
-        factor = scipy.linalg.cholesky(np.eye(of.size) + np.exp(-x[0]) * np.outer(S, S) * gram, lower=True)
-        return S, factor, np.exp(-x[0]) * scipy.linalg.cho_solve((factor, True), S * seen)
-
-    def unlikely(x: Array) -> tuple[float, Array]:
-        S, factor, sizes = posterior(x)
-        known = 1.0 - (scipy.linalg.solve_triangular(factor, np.eye(of.size), lower=True) ** 2).sum(0)
-        misfit = np.exp(-x[0]) * float(alone - sizes @ (S * seen))
-        away = (x[1:] - np.log(thresholds.SLOW_SHARE)) / thresholds.SLOW_SPREAD
-        own = misfit + y.size * x[0] - np.log(total).sum() + 2.0 * np.log(np.diag(factor)).sum() + away @ away
-        fast = y.size - known.sum() - misfit + sizes @ sizes
-        others = np.bincount(of, known - sizes**2, minlength=3) + 2.0 * away / thresholds.SLOW_SPREAD
-        return 0.5 * float(own), 0.5 * np.array([fast, *others])
-
-    bounds = [(0.0, 6.0), *[(-9.0, 4.0)] * 3]
-    best = scipy.optimize.minimize(unlikely, start, jac=True, method="L-BFGS-B", bounds=bounds)
-    S, _, sizes = posterior(best.x)
-    return best.x, usual * (S * sizes)[:m], float(best.fun)
-
-
 def _learned(
     problem: Problem, features: Array, shown: NDArray[np.bool_], left: Array, scale: Array, shares: Array
 ) -> _LearnedBalance:
@@ -232,13 +175,13 @@ def _learned(
     `left` has shape (1 + n, 2, K): what the balance leaves, and its derivatives by the engine's n constants. `features` and `left`
     are of both views, `shares` are the logarithms of the variances that means over `PIECE` show.
     """
-    m, n, pieces = features.shape[2], len(left) - 1, problem.of_log[shown][_pieces(problem, shown)]
-    if pieces.size < _LEAST_PIECES:
+    m, n, logs = features.shape[2], len(left) - 1, problem.of_log[shown][pieces(problem, shown)]
+    if logs.size < LEAST_PIECES:
         return _LearnedBalance(np.zeros((m, 1 + n)), np.zeros((n, n)), np.zeros((m, m)), 0.0, 1.0, np.zeros(2))
     lasting, *variances = np.exp(shares)
     size, *slow = np.median(scale[shown]) * np.sqrt(variances)
     precision, gradient, information = np.eye(m), np.zeros((m, 1 + n)), np.zeros((n, n))
-    for i in np.unique(pieces):
+    for i in np.unique(logs):
         on = shown & (problem.of_log == i)
         own = np.hstack([np.full((on.sum(), 1), slow[0]), slow[1] * memory(problem, i)[on[problem.of_log == i]]])
         root = np.sqrt(0.5 / lasting) / scale[on]
@@ -271,30 +214,44 @@ def _known_to(model: ResidualModel, information: Array) -> Array:
     return np.asarray(covariance)
 
 
-def _bare(problem: Problem, logs: Sequence[str], width: float) -> HealthyDrive:
-    """Return where the bells stand, along what the drives have visited, before anything is learned."""
+def _bare(problem: Problem, logs: Sequence[str]) -> HealthyDrive:
+    """Return where bells that reach as far along every channel stand on the drives, before anything is learned."""
     s, none = problem.signals, np.zeros(0)
     moving = tuple(name for name in problem.measured if moves(s[name]))
     channels = tuple(name for name in moving if name != SENSOR)
     along = np.stack([*(s[name] for name in channels), *(s.rate[name] for name in moving)], axis=1)
     bare = HealthyDrive(
         logs=tuple(logs), balances=problem.model.balances, channels=channels, rates=moving, middle=along.mean(0),
-        spread=along.std(0), centres=np.zeros((0, len(channels))), width=width * float(np.sqrt(len(channels))),
+        spread=along.std(0), centres=none, lengths=none,
         weights=none, by_constant=none, amplitude=none, deviation=np.zeros(len(problem.model.names)),
         covariance=none, scale=none, lasting=none, unsure=none, slow=none,
         effects=(), whole=none, late=none, beyond=none,
     )  # fmt: skip
-    visited = bare.inputs(problem)[0][problem.shown.any(axis=0), : len(channels)]
-    return replace(bare, centres=_spread_out(visited, thresholds.BELLS))
+    return _placed(bare, problem, [usual_lengths(len(channels))] * len(problem.model.balances))
+
+
+def _with_lengths(bare: HealthyDrive, problem: Problem, rows: Iterable[tuple[Any, ...]]) -> HealthyDrive:
+    """Return the same with the likeliest lengths; `rows` are what `likeliest_lengths` asks of each balance."""
+    inputs, c = bare.inputs(problem).mean(0), len(bare.channels)
+    return _placed(bare, problem, [likeliest_lengths(problem, inputs[:, :c], inputs[:, c:], *row) for row in rows])
+
+
+def _placed(bare: HealthyDrive, problem: Problem, lengths: Sequence[Array]) -> HealthyDrive:
+    """Return the same with bells of these lengths, along what the drives have visited."""
+    visited = bare.inputs(problem)[0][problem.shown.any(axis=0), : len(bare.channels)]
+    centres = [_spread_out(visited / each, thresholds.BELLS) * each for each in lengths]
+    return replace(bare, centres=np.array(centres), lengths=np.array(lengths))
 
 
 def _spread_out(x: Array, most: int) -> Array:
-    """Return points of x, shape (n, c), each as far as possible from those before."""
-    chosen = [int(np.argmin((x**2).sum(1)))]
-    nearest = ((x - x[chosen[0]]) ** 2).sum(1)
-    while len(chosen) < min(most, len(x)):
-        chosen.append(int(np.argmax(nearest)))
-        nearest = np.minimum(nearest, ((x - x[chosen[-1]]) ** 2).sum(1))
+    """Return points of x, shape (n, c), where bells of unit length stand: each where those before tell least."""
+    chosen, told, rows = [], np.zeros(len(x)), np.empty((most, len(x)))
+    for i in range(min(most, len(x))):  # a Cholesky decomposition of the kernel with pivots
+        j = int(np.argmin(told))
+        row = np.exp(-0.5 * ((x - x[j]) ** 2).sum(1)) - rows[:i, j] @ rows[:i]
+        rows[i] = row / np.sqrt(max(1.0 - told[j], thresholds.RIDGE))
+        told += rows[i] ** 2
+        chosen.append(j)
     return x[chosen]
 
 

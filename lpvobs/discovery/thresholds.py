@@ -40,21 +40,18 @@ held by run 11."""
 EVERY = 5
 """[1] One stretch in this many is kept from fits and choices. Set by choice: a fifth."""
 COARSE = 10.0
-"""[s] Length of the blocks whose sums count as independent. Set by choice: longer than the residual of a clean log is
-correlated."""
+"""[s] Length of blocks whose sums count as independent. Set by choice: what a clean log leaves is correlated for less."""
 GUARD = 1.0
 """[s] Margin at either end of a kept stretch, which is neither used nor judged. Set by choice: farther than any window or lag
 reaches; held by run 11."""
 TRANSIENT = (0.7, 0.85, 0.93, 0.97, 0.99)
-"""[1] Quantiles of the rate of change that divide instants into classes of transience. Set by choice: the fastest hundredth is a
-class of its own."""
+"""[1] Quantiles of the rate of change between classes of transience. Set by choice: the fastest hundredth is a class of its own."""
 NEAR = 0.1
 """[1] Share of a half width between the two values whose difference gives a rate. Set by rounding against curvature."""
 
 # --- How residuals are weighted --------------------------------------------------------------------------------------------
 LEAST_IN_CELL = 5.0
-"""[1] Instants of the average cell that are added to every cell when its noise is estimated. Set by choice: a cell far from any
-visit has a covariance, too."""
+"""[1] Instants of the average cell that are added to each, for its noise. Set by choice: a cell never visited has noise, too."""
 FIRST_NOISE = 1e-3
 """[kg/s] Noise that every balance is given before the first fit. Set by choice: any value, the first pass replaces it."""
 SHORT = 4.0
@@ -77,8 +74,11 @@ HEALTHY_SECONDS = 3600.0
 """[s] Driving that is enough to learn what a healthy engine leaves. Set by time: an hour in two logs takes 9 s."""
 BELLS = 150
 """[1] Bells that the function stands on which says what a healthy engine leaves. Set by time: a second."""
-BELL_WIDTHS = (0.5, 1.0)
-"""[1] Widths of a bell that are tried, in standard deviations of every channel. Set by choice; held-out minutes choose."""
+BELL_LENGTHS = (0.5, 50.0)
+"""[1] Shortest and longest bell along a channel, over its length before any data. Set by held-out drives of two engines: shorter
+ones follow what one drive happens to leave; a seventh of it raised the error of the power balance by half."""
+LENGTH_SPREAD = 0.25
+"""[1] Half width of Cauchy's distribution of the logarithm of that length. Set by choice: few channels differ from the others."""
 PIECE = 6.0
 """[s] Length of the means that show the errors of a healthy engine. Set by choice: their scatter counts as fast."""
 MEMORY = 60.0

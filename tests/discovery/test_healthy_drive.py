@@ -15,8 +15,8 @@ from lpvobs.discovery.fit import fit
 from lpvobs.discovery.healthy_drive import root_of_constants
 from lpvobs.discovery.healthy_learning import (
     _learned,
-    _likeliest,
     _scales,
+    _spread_out,
     beyond_noise,
     halves,
     learned,
@@ -33,6 +33,7 @@ from lpvobs.discovery.imbalances import (
     residual_of,
     scenes_with,
 )
+from lpvobs.discovery.likeliest import START, likeliest, likeliest_lengths, unlikely, usual_lengths
 from lpvobs.discovery.ranking import chance_of_nothing, least_gain
 from lpvobs.discovery.refine import refine
 from lpvobs.discovery.residual import MapPrior, Term, lay_out
@@ -143,7 +144,7 @@ def test_it_comes_back_from_a_file_as_it_was(healthy, tmp_path):
 
 
 def of_balance(problem, features, shown, left, scale):
-    shares, _, _ = _likeliest(problem, features.mean(0), shown, left.mean(0), scale)
+    shares, _ = likeliest(problem, features.mean(0), shown, left.mean(0), scale)
     return _learned(problem, features, shown, np.broadcast_to(left, (1, 2, left.shape[-1])), scale, shares)
 
 
@@ -162,6 +163,44 @@ def test_the_function_is_told_from_errors_that_last_and_those_that_do_not(laid_o
     assert minutes.slow[1] > 1.0
     assert minutes.lasting < 6.0
     assert np.trace(minutes.unsure @ minutes.unsure.T) > np.trace(new.unsure @ new.unsure.T)
+
+
+def test_a_bell_is_long_along_what_a_balance_does_not_follow(laid_out, clean):
+    """The weather of six days once stood beside speed and load, and a seventh day was far from all that was learned."""
+    problem = laid_out(clean)
+    rng, t = np.random.default_rng(6), problem.clock
+    channels = np.stack([np.sin(t / 11.0), np.sin(t / 7.0), np.sin(t / 17.0)], axis=1)
+    noise, everywhere = rng.standard_normal(problem.K), np.ones(problem.K, dtype=bool)
+    follows = 20.0 * np.tanh(2.0 * channels[:, 1])
+    rows = everywhere, noise + follows, np.ones(problem.K), START
+    lengths = likeliest_lengths(problem, channels, np.zeros((problem.K, 1)), *rows)
+    usual = usual_lengths(3)
+    assert lengths[1] < 1.2 * usual[1]
+    assert np.all(lengths[[0, 2]] > 3.0 * usual[[0, 2]])
+    silent = likeliest_lengths(problem, channels, np.zeros((problem.K, 1)), ~everywhere, *rows[1:])
+    np.testing.assert_array_equal(silent, usual)
+
+
+def test_the_search_for_lengths_has_the_derivatives_of_the_likelihood():
+    rng = np.random.default_rng(7)
+    x, lines, y = rng.standard_normal((40, 3)), rng.standard_normal((40, 1)), rng.standard_normal(40)
+    t = np.arange(40.0)
+    parts = (
+        np.diag(rng.uniform(0.5, 2.0, 40)),
+        lines @ lines.T,
+        np.ones((40, 40)),
+        np.exp(-np.abs(t[:, None] - t) / 10.0),
+    )
+    z = rng.normal(-0.5, 0.5, 7)
+    error = scipy.optimize.check_grad(lambda v: unlikely(v, y, x, parts)[0], lambda v: unlikely(v, y, x, parts)[1], z)
+    assert error < 1e-4 * np.linalg.norm(unlikely(z, y, x, parts)[1])  # difference quotients have half the digits
+
+
+def test_bells_stand_where_those_before_tell_least():
+    """Of two points that tell the same one has a bell, and points that tell nothing of each other have one each."""
+    x = np.array([[0.0], [0.01], [6.0], [6.01], [-6.0]])
+    assert sorted(np.round(_spread_out(x, 3)[:, 0])) == [-6.0, 0.0, 6.0]
+    assert len(_spread_out(x, 9)) == 5
 
 
 def test_what_a_balance_says_where_it_does_not_count_teaches_nothing(laid_out, clean):
