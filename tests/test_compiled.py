@@ -29,9 +29,7 @@ def test_a_search_uses_nothing_of_scipy_that_takes_long_to_load(path):
         if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "scipy"
     }
     # a healthy drive is learned from once, by `estimate`, and a search needs no optimiser
-    assert parts <= {"linalg", "ndimage", "special", "sparse"} | (
-        {"optimize"} if path.stem == "likeliest" else set()
-    )
+    assert parts <= {"linalg", "ndimage", "special", "sparse"} | ({"optimize"} if path.stem == "likeliest" else set())
 
 
 def test_the_first_call_compiles_in_every_module_that_has_the_function():
