@@ -60,9 +60,7 @@ class HealthyDrive:
             ("balance", "feature", "constant"),
         ),
     ]
-    amplitude: Annotated[
-        Array, Item("kg/s", "rms of the weighted bells and lines along the healthy drives", ("balance",))
-    ]
+    amplitude: Annotated[Array, Item("kg/s", "standard deviation of the function before any data", ("balance",))]
     scale: Annotated[Array, Item("kg/s", "usual size of the residual that bells and lines leave", ("balance",))]
     lasting: Annotated[
         Array,

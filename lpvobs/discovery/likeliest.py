@@ -43,7 +43,8 @@ def likeliest_lengths(
     """Return the length of a balance's bells along every channel, (c,), in the units of `channels`, where it counts.
 
     `channels` have shape (K, c), `rates` (K, r), `left` and `scale` have K rows. `start` are the logarithms of the variances that
-    `likeliest` returns. The covariance is that of a Gaussian process with a length of its own for every channel.
+    `likeliest` returns. The covariance is that of a Gaussian process with a length of its own for every channel, at
+    the means of the channels: what is fast within `PIECE` seems to be noise.
     """
     c = channels.shape[1]
     means = _means(problem, shown, scale)

@@ -86,7 +86,7 @@ def test_the_function_goes_along_with_a_corrected_channel(healthy, plant, config
     change = moved(problem, away.signals)
     assert np.abs(change).max() > 1e-10
     seen = change.reshape(len(problem.shown), 2, -1).mean(1)
-    # The derivative is that between the two views, the function the mean over both.
+    # The change is that of a small step, the function is curved.
     np.testing.assert_allclose(seen, expected[1] - expected[0], atol=0.05 * np.abs(seen).max())
     assert not moved(problem, problem.signals).any()
 
@@ -197,10 +197,10 @@ def test_the_search_for_lengths_has_the_derivatives_of_the_likelihood():
 
 
 def test_bells_stand_where_those_before_tell_least():
-    """Of two points that tell the same one has a bell, and points that tell nothing of each other have one each."""
-    x = np.array([[0.0], [0.01], [6.0], [6.01], [-6.0]])
-    assert sorted(np.round(_spread_out(x, 3)[:, 0])) == [-6.0, 0.0, 6.0]
-    assert len(_spread_out(x, 9)) == 5
+    """A place between two bells is farther from either than one beyond them, and both together tell more of it."""
+    one, other, between, beyond = x = np.array([[0.0], [3.0], [1.5], [-1.45]])
+    np.testing.assert_array_equal(_spread_out(x, 3), [one, other, beyond])
+    assert abs(between - one) > abs(beyond - one)
 
 
 def test_what_a_balance_says_where_it_does_not_count_teaches_nothing(laid_out, clean):
