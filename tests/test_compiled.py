@@ -7,7 +7,14 @@ import sys
 import pytest
 from repository import ROOT
 
-HEAVY = ("numba", "cvxpy", "matplotlib", "pandas", "pint", "scipy.stats", "scipy.signal", "scipy.interpolate")
+HEAVY = (
+    "numba",
+    "cvxpy",
+    "matplotlib",
+    "pandas",
+    "pint",
+    *(f"scipy.{x}" for x in ("stats", "signal", "interpolate", "optimize", "sparse")),
+)
 
 
 def loaded_after(code):

@@ -14,7 +14,10 @@ from lpvobs.discovery.healthy_drive import logs_of, minutes_of
 from lpvobs.discovery.residual import Problem
 from lpvobs.records import Array
 
-START = np.array([1.0, 0.0, *np.log([thresholds.SLOW_SHARE] * 2)])
+_SLOW = float(np.log(thresholds.SLOW_SHARE))
+START = np.array(
+    [1.0, 0.0, _SLOW, _SLOW]
+)  # logarithms of the variances of the fast error, the function, and the slow ones
 LEAST_PIECES = 10  # pieces below which nothing is learned of a balance
 _BOUNDS = ((0.0, 6.0), (-9.0, 12.0), (-9.0, 4.0), (-9.0, 4.0))  # of the logarithms of the four variances
 
@@ -22,7 +25,7 @@ _BOUNDS = ((0.0, 6.0), (-9.0, 12.0), (-9.0, 4.0), (-9.0, 4.0))  # of the logarit
 class _Means(NamedTuple):
     """The places where a balance counts, as P means over `PIECE`."""
 
-    of: scipy.sparse.csr_array  # (P, K) what takes the means of values along the places
+    of: "scipy.sparse.csr_array"  # (P, K) what takes the means of values along the places; a search does not load it
     total: Array  # (P,) weight of each
     usual: float  # scale of the residual
 
@@ -58,13 +61,13 @@ def likeliest_lengths(
     noise, usual = np.diag(1.0 / (means.total * means.usual**2)), -np.log(usual_lengths(c))
     shortest, longest = np.log(thresholds.BELL_LENGTHS)
     best = scipy.optimize.minimize(
-        unlikely, np.append(start, usual), (y, x, (noise, lines @ lines.T, day, minutes)), jac=True, method="L-BFGS-B",
+        unlikely_lengths, np.append(start, usual), (y, x, (noise, lines @ lines.T, day, minutes)), jac=True, method="L-BFGS-B",
         bounds=[*_BOUNDS, *zip(usual - longest, usual - shortest, strict=True)], tol=1e-4,
     )  # fmt: skip
     return np.asarray(np.exp(-best.x[4:]))
 
 
-def unlikely(z: Array, y: Array, x: Array, parts: tuple[Array, ...]) -> tuple[float, Array]:
+def unlikely_lengths(z: Array, y: Array, x: Array, parts: tuple[Array, ...]) -> tuple[float, Array]:
     """Return the negative logarithm of the likelihood of P means y, (P,), and its derivatives by z, (4 + c,).
 
     z are the logarithms of four variances, and of the inverse lengths along c channels x, (P, c). `parts` are the covariances,
@@ -86,7 +89,7 @@ def unlikely(z: Array, y: Array, x: Array, parts: tuple[Array, ...]) -> tuple[fl
     by_length = steep * ((x * (by_bells @ x)).sum(0) - by_bells.sum(1) @ x**2)
     by_variance = 0.5 * variance * [(by_covariance * part).sum() for part in parts]
     # before any data: the variances as in `likeliest`; most channels tell as much as the others, a few nothing (Cauchy)
-    away = (z[1:4] - START[2]) / thresholds.SLOW_SPREAD
+    away = (z[1:4] - _SLOW) / thresholds.SLOW_SPREAD
     other = (z[4:] + np.log(usual_lengths(x.shape[1]))) / thresholds.LENGTH_SPREAD
     by_variance[1:] += away / thresholds.SLOW_SPREAD
     by_length += 2.0 * other / (1.0 + other**2) / thresholds.LENGTH_SPREAD
@@ -121,7 +124,7 @@ def likeliest(
         S, factor, sizes = posterior(x)
         known = 1.0 - (scipy.linalg.solve_triangular(factor, np.eye(of.size), lower=True) ** 2).sum(0)
         misfit = np.exp(-x[0]) * float(alone - sizes @ (S * seen))
-        away = (x[1:] - START[2]) / thresholds.SLOW_SPREAD
+        away = (x[1:] - _SLOW) / thresholds.SLOW_SPREAD
         own = misfit + y.size * x[0] - np.log(total).sum() + 2.0 * np.log(np.diag(factor)).sum() + away @ away
         fast = y.size - known.sum() - misfit + sizes @ sizes
         others = np.bincount(of, known - sizes**2, minlength=3) + 2.0 * away / thresholds.SLOW_SPREAD
