@@ -21,10 +21,6 @@ from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.residual import Problem
 from lpvobs.engines.effects import Effect
 
-FAMILIES = 4
-"""Families of tests that share the probability of an error: effects of one size, those with a size of their own in every block,
-effects on a course, and what has a curve or a formula."""
-
 
 def is_uneven(candidate: Candidate, problem: Problem) -> bool:
     """Return whether a candidate has no single size: by how much more one of its own for every block would gain, of its gain.
@@ -95,18 +91,21 @@ def is_significant(candidate: Candidate, problem: Problem) -> bool:
 def chance(candidate: Candidate, problem: Problem, wider: float = 1.0) -> float:
     """Return the probability of such a gain by chance, after all effects and intervals that were tried (Bonferroni).
 
-    They count for each of `FAMILIES`, for every family tests the same residual.
     A curve's coefficients and a formula's search have paid a price, and do not compete; an unusual constant inside pays it here.
     Ends of an interval nearer than `LEAST_LENGTH` have the same data, and count as one. `wider` is the variance of a gain, in that
-    of noise. Healthy drives tell how far sizes vary beyond noise: the smaller the part of noise, the nearer is the distribution to
-    Student's with as many degrees of freedom as there are drives (Satterthwaite).
+    of noise.
+
+    Healthy drives tell how far sizes vary. Each shows an effect that lasts once, its noise included: the distribution is Student's
+    with as many degrees of freedom as there are drives. An effect that begins or ends is compared with the rest of its drive, which
+    tells the noise: the larger the part of noise, the nearer is its distribution to the normal one (Satterthwaite).
     """
     gain = max(candidate.gain - candidate.price, 0.0)
     statistic = 2.0 * candidate.told * (gain / wider) / max(candidate.unevenness, 1.0)
     ends = max(candidate.loss.size / thresholds.LEAST_LENGTH, 1.0)
-    hypotheses = FAMILIES * len(problem.catalogue) * ends**candidate.changes
-    effective = min(problem.seeming.degrees / max(1.0 - candidate.told, 1e-6) ** 2, 1e6)
-    return float(min(1.0, hypotheses * scipy.special.fdtrc(1, effective, statistic)))
+    hypotheses = len(problem.catalogue) * ends**candidate.changes
+    varies = 1.0 - candidate.told if candidate.changes else 1.0  # the part whose variance drives alone tell
+    degrees = min(problem.seeming.degrees / max(varies, 1e-6) ** 2, 1e6)
+    return float(min(1.0, hypotheses * scipy.special.fdtrc(1, degrees, statistic)))
 
 
 def structure(linear: Linear) -> float:
@@ -125,7 +124,7 @@ def chance_of_nothing(first: Linear, ranking: Sequence[Candidate]) -> float:
     wider = 1.0 if problem.seeming.drives > 1 else 1.0 + thresholds.MODEL_ERROR * problem.data
     single = min(chance(c, problem, wider) for c in ranking)
     elsewhere = elsewhere_of(first) / problem.seeming.uneven
-    uneven = FAMILIES * float(scipy.special.chdtrc(blocks, elsewhere * blocks / wider)) * len(problem.carriers)
+    uneven = float(scipy.special.chdtrc(blocks, elsewhere * blocks / wider)) * len(problem.carriers)
     return min(single, uneven)
 
 

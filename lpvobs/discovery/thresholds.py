@@ -193,8 +193,8 @@ bank: none of 262 clean drives came below it. Held by seed 883964: five of 262 d
 a thousandth and this are named rightly."""
 POOLED = 6.0
 """[1] Healthy drives that what all effects have in common counts as, beside those that show one. Set by choice. With the number
-that the effects' own variances ask for (empirical Bayes: 3 to 18 on four engines), one of 25 clean drives was accused; held by
-run 11."""
+that the effects' own variances ask for (empirical Bayes: 3 to 18 on four engines, 3 to 13 on twelve others), one of 25 clean
+drives was accused; held by run 11."""
 MODEL_ERROR = 5e-5
 """[1] What the error of a sound model adds to the variance of every gain, per residual, in units of the noise. Set by 24 clean
 drives of three cycles with drawn constants, seeds 1100 to 1123: with noise alone the probability of nothing fell to 1e-5."""
