@@ -1,8 +1,9 @@
 """What the model lacks: `lpvobs trace`, `lpvobs refine`."""
 
 import textwrap
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import lpvobs
 from lpvobs.cli.common import leave, print_json, progress, say, table, visible
@@ -48,20 +49,15 @@ def trace(
 
 def show(found: "Trace", frozen: bool, refined: bool) -> None:
     """Print verdict, effects, errors and ranking, none wider than a terminal of 80 columns."""
-    from lpvobs.report.discovered import candidate_rows, error_rows, where
-    from lpvobs.report.spoken import chance, in_words
+    from lpvobs.report.discovered import error_rows
+    from lpvobs.report.spoken import in_words
 
     print(f"verdict: {found.verdict} (map {'frozen' if frozen else 'estimated jointly'})")
-    if not found.findings:
-        print(f"  p-value of 'no effect': {chance(found.p_value)}")
     content = found.as_json(refined)
-    if found.verdict == "unexplained":
-        print(textwrap.fill(visible(where(found.left)), WIDTH, initial_indent="  ", subsequent_indent="  "))
-        nearest = candidate_rows(content)
-        if nearest[1]:
-            print("\n" + table(*nearest))
     if found.findings:
         print(textwrap.fill(visible(in_words(content["effects"])), WIDTH, initial_indent="  ", subsequent_indent="  "))
+    else:
+        _nothing_named(found, content)
     for title, effects in (("found", found.findings), ("in the model already", found.known_effects or ())):
         if effects:
             print(f"\n{table(*_effects(title, effects))}")
@@ -79,6 +75,18 @@ def show(found: "Trace", frozen: bool, refined: bool) -> None:
     if ranked:
         rows = [[item.id, f"{item.value:.4g}", item.unit, f"{item.gain:.1f}"] for item in ranked]
         print("\n" + table(["candidate alone", "size", "unit", "evidence"], rows))
+
+
+def _nothing_named(found: "Trace", content: Mapping[str, Any]) -> None:
+    from lpvobs.report.discovered import candidate_rows, more_drives, where
+    from lpvobs.report.spoken import chance
+
+    print(f"  p-value of 'no effect': {chance(found.p_value)}")
+    left = where(found.left) if found.verdict == "unexplained" else ""
+    for said in filter(None, (left, more_drives(content))):
+        print(textwrap.fill(visible(said), WIDTH, initial_indent="  ", subsequent_indent="  "))
+    if content.get("candidates"):
+        print("\n" + table(*candidate_rows(content)))
 
 
 def _effects(title: str, effects: "tuple[Finding, ...]") -> tuple[list[str], list[list[str]]]:

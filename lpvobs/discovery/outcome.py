@@ -97,6 +97,14 @@ class Leading(Output):
 
 
 @dataclass(frozen=True)
+class DrivesNeeded:
+    """The candidate that the fewest healthy drives would prove, and their number, if days differ as the known ones do."""
+
+    id: str
+    number: Annotated[int, Meta(ge=2)]
+
+
+@dataclass(frozen=True)
 class BalanceError:
     """Error of one balance on one log: where the effects act, or on the whole log if none acts."""
 
@@ -239,6 +247,8 @@ class Outcome(Output):
     healthy_drives: Annotated[
         tuple[str, ...], Meta(description="logs from which the residual of the healthy engine was learned")
     ]
+    # where nothing is named, and more healthy drives would help
+    healthy_drives_needed: DrivesNeeded | UnsetType = UNSET
     known_effects: tuple[Finding, ...] | UnsetType = UNSET
     error_on_held_out_logs: ErrorOutput | UnsetType = UNSET
     logs: tuple[OutcomeOnLog, ...]

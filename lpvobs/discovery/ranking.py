@@ -1,6 +1,7 @@
 """The ranking of all candidates against one model, logged channels included, and the test whether one of them is proven."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 import scipy
@@ -20,6 +21,9 @@ from lpvobs.discovery.evidence import (
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.residual import Problem
 from lpvobs.engines.effects import Effect
+
+MOST_DRIVES = 100
+"""Healthy drives that anybody records."""
 
 
 def is_uneven(candidate: Candidate, problem: Problem) -> bool:
@@ -106,6 +110,20 @@ def chance(candidate: Candidate, problem: Problem, wider: float = 1.0) -> float:
     varies = 1.0 - candidate.told if candidate.changes else 1.0  # the part whose variance drives alone tell
     degrees = min(problem.seeming.degrees / max(varies, 1e-6) ** 2, 1e6)
     return float(min(1.0, hypotheses * scipy.special.fdtrc(1, degrees, statistic)))
+
+
+def drives_needed(candidates: Sequence[Candidate], problem: Problem) -> tuple[str, int] | None:
+    """Return the candidate that the fewest healthy drives would prove, and their number, if days differ as the known ones do.
+
+    None where none would be, and where one is proven already: then its name fails for another reason.
+    """
+    drives = problem.seeming.drives
+    for number in range(drives, MOST_DRIVES + 1 if drives else 0):
+        told = replace(problem, seeming=replace(problem.seeming, degrees=number + thresholds.POOLED))
+        proven = [c.id for c in candidates if c.gain >= least_gain(told) and is_significant(c, told)]
+        if proven:
+            return (proven[0], number) if number > drives else None
+    return None
 
 
 def structure(linear: Linear) -> float:

@@ -60,11 +60,12 @@ def sentence(found: Discovered) -> str:
     logs = ", ".join(part["log"] for part in content["logs"] if "residual" in part)
     if content["verdict"] == "none":
         left = grams(error["before"])
-        return f"{logs}: the residual shows nothing that the model lacks. The held-out residual is {left} g/s rms."
+        said = f"{logs}: the residual shows nothing that the model lacks. The held-out residual is {left} g/s rms."
+        return f"{said} {more_drives(content)}".rstrip()
     if content["verdict"] == "unexplained":
         return (
             f"{logs}: no known effect explains the residual, so no effect is named. The held-out residual is "
-            f"{grams(error['before'])} g/s rms. {where(found.left)}"
+            f"{grams(error['before'])} g/s rms. {where(found.left)} {more_drives(content)}".rstrip()
         )
     said, them = f"{logs}: {in_words(content['effects'])}.", "it" if len(content["effects"]) == 1 else "them"
     if not found.refined:
@@ -73,6 +74,18 @@ def sentence(found: Discovered) -> str:
     return (
         f"{said} With {them} in the model, the held-out residual goes from {grams(error['before'])} to {grams(error['after'])} g/s "
         f"rms, which is {percent(error['ratio'], 1)} of the value before (90 %: {percent(low, 1)} to {percent(high, 1)})."
+    )
+
+
+def more_drives(content: Mapping[str, Any]) -> str:
+    """Return with how many healthy drives something would be named, empty where more of them would not help."""
+    needed, known = content.get("healthy_drives_needed"), len(content["healthy_drives"])
+    if needed is None:
+        return ""
+    drives = "one healthy drive" if known == 1 else f"{known} healthy drives"
+    return (
+        f"The map comes from {drives}. Nearest to a name is {needed['id']}: with {needed['number']} healthy drives that differ as "
+        f"little, the same deviation would be proven."
     )
 
 

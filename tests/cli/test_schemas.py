@@ -15,6 +15,7 @@ from lpvobs.discovery.held_out import Comparison
 from lpvobs.discovery.outcome import (
     BalanceError,
     DayLevel,
+    DrivesNeeded,
     Finding,
     Followed,
     Leading,
@@ -194,7 +195,8 @@ def test_what_the_chain_does_not_show(validator, verb, refined, verdict):
     found = Trace(
         verdict=verdict, p_value=1e-9, effects=(FINDING,), error=error_output(ERROR, "parts"),
         residual=ResidualOutput(False, ("T_im",), **LEFT.as_json()),
-        candidates=(LEADING,) if verdict == "unexplained" else UNSET, healthy_drives=(), known_effects=(FINDING,),
+        candidates=(LEADING,) if verdict == "unexplained" else UNSET, healthy_drives=("monday",),
+        healthy_drives_needed=DrivesNeeded("maf.lag", 9), known_effects=(FINDING,),
         error_on_held_out_logs=error_output(ERROR, "whole"), logs=(part,), ranking=(), left=LEFT,
     )  # fmt: skip
     said = json.loads(json.dumps(found.as_json(refined)))

@@ -1,5 +1,6 @@
 """When a further effect is accepted."""
 
+from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,17 +10,32 @@ import scipy
 from lpvobs.discovery import form_search, ranking, select
 from lpvobs.discovery.evidence import Candidate
 from lpvobs.discovery.patterns import Seeming
-from lpvobs.discovery.ranking import chance, is_proven
-from lpvobs.discovery.thresholds import COST, LEAST_LENGTH, SLIGHT
+from lpvobs.discovery.ranking import chance, drives_needed, is_proven
+from lpvobs.discovery.thresholds import COST, LEAST_LENGTH, POOLED, SIGNIFICANT, SLIGHT
 
 
-def judged(gain, told, degrees=np.inf, candidates=20, blocks=1, begin=-np.inf):
-    """Return the chance of a gain, and whether it is proven, where 20 effects compete and healthy drives tell."""
-    problem = SimpleNamespace(
-        seeming=Seeming(degrees=degrees), patterns=(1,), levels=(), data=1000.0, catalogue=(None,) * candidates
+def asked(gain, told=1.0, candidates=20, blocks=1, begin=-np.inf, uneven=1.0, **seeming):
+    """Return a candidate, and the problem where so many effects compete and healthy drives tell."""
+    problem = Asked(Seeming(**seeming), (1,), 1000.0, (None,) * candidates)
+    term = SimpleNamespace(
+        course=None, begin=begin, end=np.inf, effect=SimpleNamespace(unusual=False, id=f"of {gain:g}")
     )
-    term = SimpleNamespace(course=None, begin=begin, end=np.inf, effect=SimpleNamespace(unusual=False))
-    candidate = Candidate(term, gain, 1.0, 1.0, np.zeros(blocks), 1.0, False, told)
+    return Candidate(term, gain, 1.0, uneven, np.zeros(blocks), 1.0, False, told), problem
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What the tests of a candidate read of a problem."""
+
+    seeming: Seeming
+    patterns: tuple
+    data: float
+    catalogue: tuple
+
+
+def judged(*args, degrees=np.inf, **kwargs):
+    """Return the chance of a gain, and whether it is proven."""
+    candidate, problem = asked(*args, degrees=degrees, **kwargs)
     return chance(candidate, problem), is_proven(candidate, SimpleNamespace(problem=problem))
 
 
@@ -36,10 +52,25 @@ def test_what_lasts_is_seen_once_a_drive_whatever_noise_says_of_it():
 def test_the_drive_itself_tells_the_noise_of_what_begins():
     """Of two effects as far from none the one whose variance is mostly noise is surer; both are surer than one that lasts."""
     gain, degrees = 40.0, 12
-    sure, less = (judged(gain / told, told, degrees, begin=100.0)[0] for told in (1.0, 0.5))
+    sure, less = (judged(gain / told, told, degrees=degrees, begin=100.0)[0] for told in (1.0, 0.5))
     assert sure == pytest.approx(20 * scipy.stats.chi2.sf(2.0 * gain, 1), rel=0.01)
     assert less == pytest.approx(20 * 2.0 * scipy.stats.t.sf(np.sqrt(2.0 * gain), 4 * degrees))
-    assert sure < less < judged(gain, 1.0, degrees)[0]
+    assert sure < less < judged(gain, 1.0, degrees=degrees)[0]
+
+
+def test_so_many_healthy_drives_would_prove_what_few_do_not():
+    """The chance of a size as far from none falls with the drives that tell how far it varies."""
+    (near, problem), (far, _) = (asked(gain, 0.5, degrees=6 + POOLED, drives=6) for gain in (14.0, 20.0))
+    name, number = drives_needed([near, far], problem)
+    assert name == "of 20"  # 14 is less than is asked of any name
+    by_hand = [20 * 2.0 * scipy.stats.t.sf(np.sqrt(20.0), drives + POOLED) for drives in (number - 1, number)]
+    assert by_hand[0] >= SIGNIFICANT > by_hand[1]
+
+
+@pytest.mark.parametrize(("gain", "drives"), [(14.0, 6), (30.0, 6), (16.0, 0)])
+def test_more_healthy_drives_are_no_help_for_what_is_too_small_proven_already_or_told_by_none(gain, drives):
+    candidate, problem = asked(gain, degrees=drives + POOLED, drives=drives)
+    assert drives_needed([candidate], problem) is None
 
 
 def test_an_effect_is_proven_by_what_is_left_beside_healthy_variation_and_matters_by_all_of_it():

@@ -33,6 +33,7 @@ def content(verdict, effects=()):
         "verdict": verdict,
         "effects": list(effects),
         "error": ERROR,
+        "healthy_drives": [],
         "logs": [
             {"log": "a", "verdict": verdict, "effects": list(effects), "error": ERROR, "residual": WHITE},
             {"log": "b", "verdict": verdict, "effects": list(effects), "error": ERROR},
@@ -66,6 +67,15 @@ def test_nothing_and_something_without_a_name(refined):
     assert "no effect is named" in said
     for part in ("40 to 80 s of a", "sensor-filling", "4 to 8, speed 1000 to 1250", "0.0125 Hz", "heat (-0.40)"):
         assert part in said
+
+
+@pytest.mark.parametrize("verdict", ["none", "unexplained"])
+def test_it_says_with_how_many_healthy_drives_something_would_be_named(refined, verdict):
+    silent = replace(refined, content=content(verdict), left=LEFT)
+    assert "healthy" not in sentence(silent)
+    more = {"healthy_drives": ["monday"], "healthy_drives_needed": {"id": "maf.offset", "number": 9}}
+    said = sentence(replace(silent, content=silent.content | more))
+    assert "The map comes from one healthy drive. Nearest to a name is maf.offset: with 9 healthy drives" in said
 
 
 def test_tables_have_every_log_and_what_was_held_out(refined):
