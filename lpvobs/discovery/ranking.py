@@ -100,8 +100,9 @@ def chance(candidate: Candidate, problem: Problem, wider: float = 1.0) -> float:
     of noise.
 
     Healthy drives tell how far sizes vary. Each shows an effect that lasts once, its noise included: the distribution is Student's
-    with as many degrees of freedom as there are drives. An effect that begins or ends is compared with the rest of its drive, which
-    tells the noise: the larger the part of noise, the nearer is its distribution to the normal one (Satterthwaite).
+    with as many degrees of freedom as there are drives (the moderated t-test, Smyth 2004). An effect that begins or ends is
+    compared with the rest of its drive, which tells the noise: the larger the part of noise, the nearer is its distribution to
+    the normal one (Satterthwaite).
     """
     gain = max(candidate.gain - candidate.price, 0.0)
     statistic = 2.0 * candidate.told * (gain / wider) / max(candidate.unevenness, 1.0)

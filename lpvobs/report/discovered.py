@@ -84,8 +84,7 @@ def more_drives(content: Mapping[str, Any]) -> str:
         return ""
     drives = "one healthy drive" if known == 1 else f"{known} healthy drives"
     return (
-        f"The map comes from {drives}. Nearest to a name is {needed['id']}: with {needed['number']} healthy drives that differ as "
-        f"little, the same deviation would be proven."
+        f"The map comes from {drives}. With {needed['number']} that differ as little, {needed['id']} would be proven."
     )
 
 

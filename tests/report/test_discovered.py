@@ -75,7 +75,7 @@ def test_it_says_with_how_many_healthy_drives_something_would_be_named(refined, 
     assert "healthy" not in sentence(silent)
     more = {"healthy_drives": ["monday"], "healthy_drives_needed": {"id": "maf.offset", "number": 9}}
     said = sentence(replace(silent, content=silent.content | more))
-    assert "The map comes from one healthy drive. Nearest to a name is maf.offset: with 9 healthy drives" in said
+    assert "The map comes from one healthy drive. With 9 that differ as little, maf.offset would be proven." in said
 
 
 def test_tables_have_every_log_and_what_was_held_out(refined):
