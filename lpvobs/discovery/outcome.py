@@ -101,7 +101,7 @@ class DrivesNeeded:
     """The candidate that the fewest healthy drives would prove, and their number, if days differ as the known ones do."""
 
     id: str
-    number: Annotated[int, Meta(ge=2)]
+    number: Annotated[int, Meta(ge=3)]
 
 
 @dataclass(frozen=True)
@@ -238,7 +238,9 @@ class Outcome(Output):
     verdict: Verdict
     p_value: Annotated[
         float,
-        Meta(description="probability that chance gives evidence this strong, corrected for all candidates tried"),
+        Meta(
+            description="probability that chance gives evidence this strong, corrected for the number of effects, onsets and ends"
+        ),
     ]
     effects: tuple[Finding, ...]
     error: ErrorOutput
@@ -247,7 +249,7 @@ class Outcome(Output):
     healthy_drives: Annotated[
         tuple[str, ...], Meta(description="logs from which the residual of the healthy engine was learned")
     ]
-    # where nothing is named, and more healthy drives would help
+    # where the verdict is `none`, and more healthy drives might prove something
     healthy_drives_needed: DrivesNeeded | UnsetType = UNSET
     known_effects: tuple[Finding, ...] | UnsetType = UNSET
     error_on_held_out_logs: ErrorOutput | UnsetType = UNSET

@@ -23,7 +23,6 @@ from lpvobs.discovery.joint_choice import Accepted, error_of
 from lpvobs.discovery.known_effects import NINETY, KnownEffect, spans_of, term_on
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.places import place_in_logs
-from lpvobs.discovery.ranking import drives_needed
 from lpvobs.discovery.residual import MapPrior, Problem, Term, lay_out
 from lpvobs.discovery.select import Selection, select
 from lpvobs.discovery.thresholds import AFFECTED, MOST_NAMED, PLACED, PROBE
@@ -103,7 +102,7 @@ def refine(
     whole = structure(after)
     left = None if whole.white and not unexplained else leftover(after, logs, whole.correlated_with)
     described = {} if left is None else left.as_json()
-    ranked, needed = ((c, c.term) for c in selection.ranking), drives_needed(selection.ranking, problem)
+    ranked = ((c, c.term) for c in selection.ranking)
     result = outcome.Trace(
         verdict=selection.verdict,
         p_value=selection.p_value,
@@ -112,7 +111,7 @@ def refine(
         residual=outcome.ResidualOutput(whole.white, tuple(whole.correlated_with), **described),
         candidates=_leading(selection) if unexplained else UNSET,
         healthy_drives=() if healthy is None else healthy.logs,
-        healthy_drives_needed=UNSET if needed is None or findings else outcome.DrivesNeeded(*needed),
+        healthy_drives_needed=UNSET if selection.needed is None else outcome.DrivesNeeded(*selection.needed),
         known_effects=tuple(known_finding(known_effect) for known_effect in kept) or UNSET,
         error_on_held_out_logs=outcome.error_output(pooled_losses(judged).comparison(), HOW_WHOLE) if judged else UNSET,
         logs=tuple(by_log),

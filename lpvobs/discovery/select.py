@@ -22,8 +22,10 @@ from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.ranking import (
     best_of,
     chance_of_nothing,
+    drives_needed,
     is_proven,
     is_relevant,
+    is_slight,
     is_uneven,
     structure,
 )
@@ -46,6 +48,9 @@ class Selection:
     ranking: tuple[Candidate, ...]  # of the first round
     p_value: float  # that nothing is there
     leading: tuple[Candidate, ...]  # what comes nearest: what the search had accepted on its way, then the ranking
+    needed: (
+        tuple[str, int] | None
+    )  # where nothing is there: what further healthy drives would prove, and how many in all
 
 
 @dataclass(frozen=True)
@@ -75,8 +80,8 @@ def select(problem: Problem, progress: Callable[[float], None] = lambda _: None)
     # The search with formulas takes the steps of the first one where none of them leads.
     once: Once = cache(lambda work, *on: work(*on))
     search = _search(problem, progress, once)
-    ranking = [*search.ranking, *_forms_of(search, once)[:1]] if len(problem.patterns) else search.ranking
-    nothing, named = chance_of_nothing(search.first, ranking), search.accepted
+    tried = [*search.ranking, *_forms_of(search, once)[:1]] if len(problem.patterns) else search.ranking
+    nothing, named = chance_of_nothing(search.first, tried), search.accepted
     # Where healthy drives tell how errors look, the probability of nothing is that of the verdict.
     unnamed = "unexplained" if nothing < thresholds.SIGNIFICANT else "none"
     if len(problem.patterns) and search.verdict != "effect":
@@ -102,7 +107,8 @@ def select(problem: Problem, progress: Callable[[float], None] = lambda _: None)
     change_of.cache_clear()
     progress(1.0)
     ranking, leading = (_each_once(found) for found in (search.ranking, (*search.on_the_way, *search.ranking)))
-    return Selection(search.verdict, effects, bare, final, losses, ranking, nothing, leading)
+    needed = drives_needed(tried, problem) if search.verdict == "none" else None
+    return Selection(search.verdict, effects, bare, final, losses, ranking, nothing, leading, needed)
 
 
 def _each_once(found: Sequence[Candidate]) -> tuple[Candidate, ...]:
@@ -233,14 +239,8 @@ def _search(
 
 
 def _has_slight(linear: Linear) -> bool:
-    """Return whether a listed effect is too small for a fault, where healthy drives tell: constants may have changed since.
-
-    They do so all along, and do not drift.
-    """
-    lasting = [t for t in linear.terms if t.whole and t.curve is None and t.course is None]
-    listed = [t for t in lasting if t.effect.parameter != "rate" and not t.effect.id.startswith(PREFIX)]
-    slight = any(abs(t.size - t.effect.null) < thresholds.SLIGHT * t.effect.size for t in listed)
-    return slight and len(linear.problem.patterns) > 0
+    """Return whether a listed effect is too small for a fault, where healthy drives tell."""
+    return any(is_slight(term) for term in linear.terms) and len(linear.problem.patterns) > 0
 
 
 def _beside_itself(linear: Linear, candidate: Candidate) -> Candidate:

@@ -65,7 +65,7 @@ def sentence(found: Discovered) -> str:
     if content["verdict"] == "unexplained":
         return (
             f"{logs}: no known effect explains the residual, so no effect is named. The held-out residual is "
-            f"{grams(error['before'])} g/s rms. {where(found.left)} {more_drives(content)}".rstrip()
+            f"{grams(error['before'])} g/s rms. {where(found.left)}"
         )
     said, them = f"{logs}: {in_words(content['effects'])}.", "it" if len(content["effects"]) == 1 else "them"
     if not found.refined:
@@ -78,14 +78,12 @@ def sentence(found: Discovered) -> str:
 
 
 def more_drives(content: Mapping[str, Any]) -> str:
-    """Return with how many healthy drives something would be named, empty where more of them would not help."""
+    """Return how many healthy drives might prove the nearest candidate, empty where that is not known."""
     needed, known = content.get("healthy_drives_needed"), len(content["healthy_drives"])
     if needed is None:
         return ""
-    drives = "one healthy drive" if known == 1 else f"{known} healthy drives"
-    return (
-        f"The map comes from {drives}. With {needed['number']} that differ as little, {needed['id']} would be proven."
-    )
+    said = f"{known} healthy drives tell how much days differ. If {needed['id']} is no chance"
+    return f"{said}, {needed['number']} healthy drives in all would prove it."
 
 
 def where(left: Leftover | None) -> str:

@@ -11,9 +11,24 @@ import pytest
 import xarray as xr
 
 from lpvobs.api.trace import _refuse_slow
+from lpvobs.cli.loop import show
+from lpvobs.discovery.held_out import Comparison
+from lpvobs.discovery.outcome import DrivesNeeded, ResidualOutput, Trace, error_output
 from lpvobs.errors import DataError
 
 TAU = 0.1  # s, of the slow sensor
+
+
+def test_the_terminal_says_how_many_healthy_drives_might_prove_what_comes_near(capsys):
+    error = error_output(Comparison(2e-4, 2e-4, 1.0, (1.0, 1.0)), "parts")
+    found = Trace(
+        verdict="none", p_value=0.03, effects=(), error=error, residual=ResidualOutput(True, ()), healthy_drives=("a", "b"),
+        healthy_drives_needed=DrivesNeeded("maf.offset", 9), logs=(), ranking=(), left=None,
+    )  # fmt: skip
+    show(found, frozen=True, refined=False)
+    printed = " ".join(capsys.readouterr().out.split())
+    assert printed.startswith("verdict: none (map frozen) p-value of 'no effect': 0.03 2 healthy drives tell")
+    assert printed.endswith("9 healthy drives in all would prove it.")
 
 
 def test_a_slow_sensor_is_named_sized_and_removed(refined):

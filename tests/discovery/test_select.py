@@ -14,11 +14,12 @@ from lpvobs.discovery.ranking import chance, drives_needed, is_proven
 from lpvobs.discovery.thresholds import COST, LEAST_LENGTH, POOLED, SIGNIFICANT, SLIGHT
 
 
-def asked(gain, told=1.0, candidates=20, blocks=1, begin=-np.inf, uneven=1.0, **seeming):
+def asked(gain, told=1.0, candidates=20, blocks=1, begin=-np.inf, uneven=1.0, size=1.0, **seeming):
     """Return a candidate, and the problem where so many effects compete and healthy drives tell."""
     problem = Asked(Seeming(**seeming), (1,), 1000.0, (None,) * candidates)
+    effect = SimpleNamespace(unusual=False, id=f"of {gain:g}", parameter="factor", null=0.0, size=1.0)
     term = SimpleNamespace(
-        course=None, begin=begin, end=np.inf, effect=SimpleNamespace(unusual=False, id=f"of {gain:g}")
+        course=None, curve=None, begin=begin, end=np.inf, whole=np.isinf(begin), effect=effect, size=size
     )
     return Candidate(term, gain, 1.0, uneven, np.zeros(blocks), 1.0, False, told), problem
 
@@ -31,6 +32,7 @@ class Asked:
     patterns: tuple
     data: float
     catalogue: tuple
+    coarse_blocks: int = 60
 
 
 def judged(*args, degrees=np.inf, **kwargs):
@@ -50,7 +52,7 @@ def test_what_lasts_is_seen_once_a_drive_whatever_noise_says_of_it():
 
 
 def test_the_drive_itself_tells_the_noise_of_what_begins():
-    """Of two effects as far from none the one whose variance is mostly noise is surer; both are surer than one that lasts."""
+    """Of two effects as far from none the one whose variance is mostly noise is surer; both beat one that lasts."""
     gain, degrees = 40.0, 12
     sure, less = (judged(gain / told, told, degrees=degrees, begin=100.0)[0] for told in (1.0, 0.5))
     assert sure == pytest.approx(20 * scipy.stats.chi2.sf(2.0 * gain, 1), rel=0.01)
@@ -60,16 +62,26 @@ def test_the_drive_itself_tells_the_noise_of_what_begins():
 
 def test_so_many_healthy_drives_would_prove_what_few_do_not():
     """The chance of a size as far from none falls with the drives that tell how far it varies."""
-    (near, problem), (far, _) = (asked(gain, 0.5, degrees=6 + POOLED, drives=6) for gain in (14.0, 20.0))
+    (near, problem), (far, _) = (asked(gain, 0.5, degrees=4 + POOLED, drives=4) for gain in (17.0, 21.0))
     name, number = drives_needed([near, far], problem)
-    assert name == "of 20"  # 14 is less than is asked of any name
-    by_hand = [20 * 2.0 * scipy.stats.t.sf(np.sqrt(20.0), drives + POOLED) for drives in (number - 1, number)]
+    assert name == "of 21"
+    by_hand = [20 * 2.0 * scipy.stats.t.sf(np.sqrt(21.0), drives + POOLED) for drives in (number - 1, number)]
     assert by_hand[0] >= SIGNIFICANT > by_hand[1]
 
 
-@pytest.mark.parametrize(("gain", "drives"), [(14.0, 6), (30.0, 6), (16.0, 0)])
-def test_more_healthy_drives_are_no_help_for_what_is_too_small_proven_already_or_told_by_none(gain, drives):
-    candidate, problem = asked(gain, degrees=drives + POOLED, drives=drives)
+@pytest.mark.parametrize(
+    ("drives", "other"),
+    [
+        (4, {"gain": 14.0, "told": 0.75}),  # too small for any name
+        (4, {"size": 0.9 * SLIGHT}),  # too slight for a fault
+        (4, {"gain": 63.0, "uneven": 3.0}),  # as far from none, but of no single size
+        (4, {"told": 0.2}),  # it would take more than an hour of drives
+        (1, {}),  # one drive does not tell how days differ
+        (0, {}),
+    ],
+)
+def test_no_number_of_healthy_drives_is_promised_where_none_would_help(drives, other):
+    candidate, problem = asked(**{"gain": 21.0, "told": 0.5} | other, degrees=drives + POOLED, drives=drives)
     assert drives_needed([candidate], problem) is None
 
 
@@ -164,10 +176,12 @@ def test_a_name_that_all_data_show_to_be_slight_is_none(monkeypatch, slight, not
         ("compare", None),
         ("standard_errors", [0.0]),
         ("finished", named),
+        ("drives_needed", ("p_em.gain", 9)),
     ):
         monkeypatch.setattr(select, name, lambda *_, value=value, **__: value)
     chosen = select.select(problem)
     assert chosen.verdict == verdict
+    assert chosen.needed == (("p_em.gain", 9) if verdict == "none" else None)
     assert chosen.accepted == ((named,) if verdict == "effect" else ())
     assert named in chosen.leading  # what it would have been
 

@@ -69,13 +69,14 @@ def test_nothing_and_something_without_a_name(refined):
         assert part in said
 
 
-@pytest.mark.parametrize("verdict", ["none", "unexplained"])
-def test_it_says_with_how_many_healthy_drives_something_would_be_named(refined, verdict):
-    silent = replace(refined, content=content(verdict), left=LEFT)
+def test_it_says_how_many_healthy_drives_might_prove_what_comes_near(refined):
+    silent = replace(refined, content=content("none"))
     assert "healthy" not in sentence(silent)
-    more = {"healthy_drives": ["monday"], "healthy_drives_needed": {"id": "maf.offset", "number": 9}}
+    more = {"healthy_drives": ["monday", "tuesday"], "healthy_drives_needed": {"id": "maf.offset", "number": 9}}
     said = sentence(replace(silent, content=silent.content | more))
-    assert "The map comes from one healthy drive. With 9 that differ as little, maf.offset would be proven." in said
+    assert said.endswith(
+        "2 healthy drives tell how much days differ. If maf.offset is no chance, 9 healthy drives in all would prove it."
+    )
 
 
 def test_tables_have_every_log_and_what_was_held_out(refined):
