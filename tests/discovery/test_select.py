@@ -10,7 +10,7 @@ import scipy
 from lpvobs.discovery import form_search, ranking, select
 from lpvobs.discovery.evidence import Candidate
 from lpvobs.discovery.patterns import Seeming
-from lpvobs.discovery.ranking import chance, drives_needed, is_proven
+from lpvobs.discovery.ranking import FAMILIES, chance, drives_needed, is_proven
 from lpvobs.discovery.thresholds import COST, LEAST_LENGTH, POOLED, SIGNIFICANT, SLIGHT
 
 
@@ -35,9 +35,9 @@ class Asked:
     coarse_blocks: int = 60
 
 
-def judged(*args, degrees=np.inf, **kwargs):
+def judged(*args, degrees=np.inf, drives=6, **kwargs):
     """Return the chance of a gain, and whether it is proven."""
-    candidate, problem = asked(*args, degrees=degrees, **kwargs)
+    candidate, problem = asked(*args, degrees=degrees, drives=drives, **kwargs)
     return chance(candidate, problem), is_proven(candidate, SimpleNamespace(problem=problem))
 
 
@@ -47,8 +47,8 @@ def test_what_lasts_is_seen_once_a_drive_whatever_noise_says_of_it():
     for told in (1.0, 0.5):  # as far from none, in standard deviations
         found, _ = judged(gain / told, told, degrees=12)
         assert found == pytest.approx(20 * 2.0 * scipy.stats.t.sf(np.sqrt(2.0 * gain), 12))
-    without_healthy_drives, _ = judged(gain, 1.0, degrees=np.inf)
-    assert without_healthy_drives == pytest.approx(20 * scipy.stats.chi2.sf(2.0 * gain, 1), rel=0.01)
+    without_healthy_drives, _ = judged(gain, 1.0, drives=0)
+    assert without_healthy_drives == pytest.approx(FAMILIES * 20 * scipy.stats.chi2.sf(2.0 * gain, 1), rel=0.01)
 
 
 def test_the_drive_itself_tells_the_noise_of_what_begins():
