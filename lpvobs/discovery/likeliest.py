@@ -15,9 +15,8 @@ from lpvobs.discovery.residual import Problem
 from lpvobs.records import Array
 
 _SLOW = float(np.log(thresholds.SLOW_SHARE))
-START = np.array(
-    [1.0, 0.0, _SLOW, _SLOW]
-)  # logarithms of the variances of the fast error, the function, and the slow ones
+# logarithms of the variances of the fast error, the function, and the slow ones
+START = np.array([1.0, 0.0, _SLOW, _SLOW])
 LEAST_PIECES = 10  # pieces below which nothing is learned of a balance
 _BOUNDS = ((0.0, 6.0), (-9.0, 12.0), (-9.0, 4.0), (-9.0, 4.0))  # of the logarithms of the four variances
 

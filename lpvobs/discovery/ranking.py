@@ -170,10 +170,8 @@ def chance_of_nothing(first: Linear, ranking: Sequence[Candidate]) -> float:
     wider = 1.0 if problem.seeming.drives > 1 else 1.0 + thresholds.MODEL_ERROR * problem.data
     single = min(chance(c, problem, wider) for c in ranking)
     elsewhere = elsewhere_of(first) / problem.seeming.uneven
-    uneven = (
-        _families(problem) * float(scipy.special.chdtrc(blocks, elsewhere * blocks / wider)) * len(problem.carriers)
-    )
-    return min(single, uneven)
+    uneven = float(scipy.special.chdtrc(blocks, elsewhere * blocks / wider))
+    return min(single, _families(problem) * len(problem.carriers) * uneven)
 
 
 def best_of(linear: Linear) -> tuple[Candidate, ...]:

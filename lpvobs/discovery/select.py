@@ -48,9 +48,7 @@ class Selection:
     ranking: tuple[Candidate, ...]  # of the first round
     p_value: float  # that nothing is there
     leading: tuple[Candidate, ...]  # what comes nearest: what the search had accepted on its way, then the ranking
-    needed: (
-        tuple[str, int] | None
-    )  # where nothing is there: what further healthy drives would prove, and how many in all
+    needed: tuple[str, int] | None  # verdict `none`: what more healthy drives would prove, and how many in all
 
 
 @dataclass(frozen=True)
