@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 from faults import OTHER_LAWS, UNLISTED, Hose, Misreading, Unlisted
-from population import BANK, ENGINES, PIECES, VARIATIONS
+from population import BANK, ENGINES, QUARTERS, VARIATIONS
 
 from lpvobs.simulation.effects import CATALOGUE, CatalogueEffect, EffectCourse
 
@@ -108,7 +108,7 @@ def drawn_drive(bank: int, number: int) -> Drive:
     rng, kind = np.random.default_rng([BANK, bank, number]), KINDS[number % len(KINDS)]
     turn = _turn(kind, number)
     engine = ENGINES + turn % len(VARIATIONS) if kind == "varied" else ORDER[number // PER_ENGINE % ENGINES]
-    piece = PIECES[rng.integers(len(PIECES))]
+    piece = QUARTERS[rng.integers(len(QUARTERS))]
     length = piece[2] - piece[1]
     effects: list[Any] = []
     if kind == "single":
@@ -126,9 +126,13 @@ def drawn_drive(bank: int, number: int) -> Drive:
 
 
 def _turn(kind: str, number: int) -> int:
-    """Return how many of the kind came before."""
+    """Return how many of the kind came before, and one more for every time that all engines had their turn.
+
+    Otherwise each effect would come back to the same two engines: KINDS, turns and lists of effects have common divisors.
+    """
     rounds, place = divmod(number, len(KINDS))
-    return KINDS[:place].count(kind) + rounds * KINDS.count(kind)
+    before = KINDS[:place].count(kind) + rounds * KINDS.count(kind)
+    return before if kind == "varied" else before + number // (PER_ENGINE * ENGINES)
 
 
 def _between(rng: np.random.Generator, least: float, most: float) -> float:
