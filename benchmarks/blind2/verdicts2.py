@@ -17,7 +17,9 @@ SHOWS = 1.1
 """B over N from which the recovered share is judged: below it a difference of two errors is divided by one of noise."""
 GROWING = frozenset({"ramp", "saturating", "lagged"})
 """Courses that a drive may not tell apart: each takes the others' place."""
-RIGHT = ("found", "found as a drift")
+FOLLOWERS = {"maf.temperature": "T_amb"}
+"""Listed effects on the reading that are a function of a channel, and the channel."""
+RIGHT = ("found", "found as a drift", "found as a listed effect")
 LIMITS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 0.9)
 
 
@@ -77,11 +79,15 @@ class Seen:
 
     @property
     def formula(self) -> str:
-        """What became of an unlisted form: found, unexplained, wrong or none."""
+        """What became of an unlisted form: found, found as a listed effect, unexplained, wrong or none."""
         if self.verdict["verdict"] != "effect":
             return str(self.verdict["verdict"])
-        right = all(_follows(effect, self.truth["channels"]) for effect in self.named)
-        return "found" if right and (self.recovered is None or self.recovered >= 0.5) else "wrong"
+        channels = self.truth["channels"]
+        formulas = [_follows(effect, channels) for effect in self.named]
+        right = all(each or _listed_follows(e, channels) for each, e in zip(formulas, self.named, strict=True))
+        if not right or (self.recovered is not None and self.recovered < 0.5):
+            return "wrong"
+        return "found" if all(formulas) else "found as a listed effect"
 
     @property
     def course(self) -> str:
@@ -153,6 +159,12 @@ def _follows(effect: Mapping[str, Any], channels: Sequence[str]) -> bool:
     texts = [each.partition(":")[2] for each in (alike if len(alike) <= MOST_ALIKE else alike[:1])]
     named = any(set(re.findall(r"[A-Za-z_]\w*", text)) & set(channels) for text in texts)
     return named and effect["id"].startswith(("form:", "channel:"))
+
+
+def _listed_follows(effect: Mapping[str, Any], channels: Sequence[str]) -> bool:
+    """Return whether a listed effect on the reading is a function of one of the channels, or a gain that follows one."""
+    on_course = effect.get("follows", {}).get("input") if effect["id"] == "maf.gain" else None
+    return FOLLOWERS.get(effect["id"], on_course) in channels
 
 
 def _said(effect: Mapping[str, Any]) -> str:
@@ -227,7 +239,8 @@ def rows(seen: Sequence[Seen]) -> list[Row]:
             )
         ),
         Row("unlisted forms and courses: found", [each in RIGHT for each in found], 0.60),
-        Row("- formulas: found", [each == "found" for each in forms], 0.60),
+        Row("- formulas: found", [each in RIGHT for each in forms], 0.60),
+        Row("- of them a listed effect that follows the channel", [each == RIGHT[2] for each in forms], 0.0),
         Row("- courses: found", [each in RIGHT for each in courses], 0.60),
         Row("- of them a gain that grows, named as a drift", [each == "found as a drift" for each in courses], 0.0),
         Row("- courses: name right, course not", [each == "name alone" for each in courses], 0.0),
