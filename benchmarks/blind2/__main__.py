@@ -140,6 +140,13 @@ class Bank:
     def _judged(self, drive: Drive) -> bool:
         return all(self._verdict(name).exists() for name in self._names(drive))
 
+    def _each_alone(self, drive: Drive, log: SimulatedLog) -> list[SimulatedLog]:
+        """Return the drive with each of its effects alone."""
+        if len(drive.effects) < 2:
+            return [log] * len(drive.effects)
+        engine = population(self.seed)[drive.engine]
+        return [driven(engine, drive.piece, drive.seed, self.home, [effect]) for effect in drive.effects]
+
     def _record(self, drive: Drive) -> dict[str, Any]:
         """Write the logs of a drive and what its engine is known from; return the truth."""
         engine = population(self.seed)[drive.engine]
@@ -158,8 +165,8 @@ class Bank:
             "length": drive.piece[2] - drive.piece[1],
             "change": change(log, plain) if drive.effects else 0.0,
             "effects": [
-                described(effect, log, plain, plant_of(*plant(engine)))
-                for effect in drive.effects
+                described(effect, own, plain, plant_of(*plant(engine)))
+                for effect, own in zip(drive.effects, self._each_alone(drive, log), strict=True)
                 if effect.id not in UNLISTED
             ],
             "channels": sorted(c for e in drive.effects if e.id in UNLISTED for c in UNLISTED[e.id][1]),
@@ -183,7 +190,10 @@ def change(log: SimulatedLog, plain: SimulatedLog) -> float:
 
 
 def described(effect: Any, log: SimulatedLog, plain: SimulatedLog, healthy: Plant) -> dict[str, Any]:
-    """Return an effect for the page; where its law is not the catalogue's, with the size that comes nearest to it."""
+    """Return an effect for the page, from the drive with it alone and the one without.
+
+    Where its law is not the catalogue's, its size is the one that comes nearest.
+    """
     course = getattr(effect, "course", None)
     name = "always" if course is None else course.name
     return {
@@ -192,6 +202,7 @@ def described(effect: Any, log: SimulatedLog, plain: SimulatedLog, healthy: Plan
         "value": equivalent(effect, log, plain, healthy),
         "course": "step" if name == "always" and effect.onset else name,
         "onset": effect.onset,
+        "change": change(log, plain),
     }
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 from faults import OTHER_LAWS, UNLISTED, Hose, Misreading, Unlisted
-from population import BANK, ENGINES, QUARTERS, VARIATIONS
+from population import BANK, ENGINES, PIECES, VARIATIONS
 
 from lpvobs.simulation.effects import CATALOGUE, CatalogueEffect, EffectCourse
 
@@ -108,7 +108,7 @@ def drawn_drive(bank: int, number: int) -> Drive:
     rng, kind = np.random.default_rng([BANK, bank, number]), KINDS[number % len(KINDS)]
     turn = _turn(kind, number)
     engine = ENGINES + turn % len(VARIATIONS) if kind == "varied" else ORDER[number // PER_ENGINE % ENGINES]
-    piece = QUARTERS[rng.integers(len(QUARTERS))]
+    piece = PIECES[rng.integers(len(PIECES))]
     length = piece[2] - piece[1]
     effects: list[Any] = []
     if kind == "single":

@@ -56,19 +56,7 @@ PIECES = (
     ("wltc", 0.0, 600.0),
     ("wltc", 1022.0, 1600.0),
 )
-"""Table, begin and end [s] of a healthy drive: eight to ten minutes, so that six are an hour."""
-QUARTERS = (
-    ("etc", 0.0, 900.0),
-    ("etc", 900.0, 1800.0),
-    ("ftp75", 0.0, 900.0),
-    ("ftp75", 505.0, 1369.0),
-    ("nedc", 291.0, 1180.0),
-    ("whtc", 0.0, 900.0),
-    ("whtc", 900.0, 1800.0),
-    ("wltc", 0.0, 1022.0),
-    ("wltc", 1022.0, 1800.0),
-)
-"""The same of a judged drive: a quarter of an hour, for which the time of a search is limited, or the phase that comes nearest."""
+"""Table, begin and end [s] of what is driven: eight to ten minutes, so that many drives can be judged."""
 COLOURED = ("p_im", "p_em", "omega_t", "T_im", "T_em")
 """Channels with coloured noise; that of the air flow sensor stays white."""
 

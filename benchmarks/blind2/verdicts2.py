@@ -72,10 +72,19 @@ class Seen:
         return self.finds(self.truth["effects"][0]["id"])
 
     @property
+    def finds_all(self) -> bool:
+        """Whether every one of its effects is named."""
+        return all(self.finds(each["id"]) for each in self.truth["effects"])
+
+    @property
+    def all_large(self) -> bool:
+        """Whether each of its effects, by itself, changes a flow or reading by more than that of a small one."""
+        return all(each["change"] >= SMALL for each in self.truth["effects"])
+
+    @property
     def only_right(self) -> bool:
         """Whether every true effect is found and nothing beside them."""
-        truths = [each["id"] for each in self.truth["effects"]]
-        return all(map(self.finds, truths)) and len(self.named) == len(truths)
+        return self.finds_all and len(self.named) == len(self.truth["effects"])
 
     @property
     def formula(self) -> str:
@@ -230,7 +239,8 @@ def rows(seen: Sequence[Seen]) -> list[Row]:
             0.03,
         ),
         Row("size inside its 90 % interval", sized, 0.85, 0.95),
-        Row("pairs: both found", [all(s.finds(e["id"]) for e in s.truth["effects"]) for s in of["pair"]], 0.80),
+        Row("pairs: both found", [s.finds_all for s in of["pair"]], 0.80),
+        Row("- of them each above 1 % by itself", [s.finds_all for s in of["pair"] if s.all_large], 0.0),
         *(
             Row(f"component curves, true change {where} 1 %: named", [s.finds_first for s in curves], wanted)
             for where, curves, wanted in (

@@ -32,7 +32,7 @@ from lpvobs.records import Array
 Nodes = tuple[NDArray[np.int64], Array]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Scatter:
     """Noise that is new at every place."""
 

@@ -1,5 +1,7 @@
 """The normal matrix of a linear model: products of all columns, what is known before the data, what is pinned, and its factor."""
 
+from functools import lru_cache
+
 import numpy as np
 import scipy
 from numpy.typing import NDArray
@@ -7,6 +9,7 @@ from numpy.typing import NDArray
 from lpvobs.discovery import imbalances
 from lpvobs.discovery.linear import Linear, on_nodes
 from lpvobs.discovery.noise import Noise, Scatter
+from lpvobs.discovery.patterns import Patterns
 from lpvobs.discovery.residual import Problem, Term
 from lpvobs.discovery.thresholds import PIN, WIDEST
 from lpvobs.records import Array
@@ -26,14 +29,23 @@ def normal_of(linear: Linear, instants: NDArray[np.int64] | slice = slice(None))
     own = np.block([[H, between.T], [between, J[:, 0] @ J[:, 0].T - J[:, 1] @ J[:, 1].T]])
     if not isinstance(linear.noise, Scatter) or not len(linear.problem.patterns):
         return own
-    patterns, back = linear.problem.patterns.at(instants), linear.noise.dual
+    every, back = isinstance(instants, slice), linear.noise.dual
+    patterns = linear.problem.patterns if every else linear.problem.patterns.at(instants)
     on_map = on_nodes(nodes, patterns.times(back(linear.mapped)[:, instants]), linear.p)
     with_own = -patterns.sums(back(linear.columns[:, 0])[..., instants])
     across = np.hstack([on_map, with_own.T])
-    whole = np.block([[own, across.T], [across, patterns.gram(linear.noise.precision[..., instants])]])
+    # steps of one fit have the same noise at all instants, and the products of patterns cost most
+    gram = gram_of(patterns, linear.noise) if every else patterns.gram(linear.noise.precision[..., instants])
+    whole = np.block([[own, across.T], [across, gram]])
     begin, end = linear.p + linear.u, len(own)
     order = np.r_[:begin, end : len(whole), begin:end]  # effects come last
     return np.asarray(whole[np.ix_(order, order)])
+
+
+@lru_cache(maxsize=1)
+def gram_of(patterns: Patterns, noise: Scatter) -> Array:
+    """Return the products of patterns at all instants, in units of a noise."""
+    return patterns.gram(noise.precision)
 
 
 def _map_normal(p: int, nodes: imbalances.Nodes, information: Array) -> Array:

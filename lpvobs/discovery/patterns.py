@@ -11,7 +11,7 @@ from lpvobs.compiled import njit
 from lpvobs.records import Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Patterns:
     """The m shapes of B balances along K places, each of size one before any data."""
 

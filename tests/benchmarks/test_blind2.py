@@ -29,7 +29,10 @@ def verdict(*effects, said="", p_value=0.5, ratio=1.0, before=1.0):
 
 
 def drive(kind, given, *ids, twin=None, **more):
-    truths = [{"id": id_, "parameter": "factor", "value": 1.1, "course": "always", "onset": None} for id_ in ids]
+    truths = [
+        {"id": id_, "parameter": "factor", "value": 1.1, "course": "always", "onset": None, "change": 0.05}
+        for id_ in ids
+    ]
     truth = {
         "kind": kind,
         "number": 1,
@@ -83,6 +86,16 @@ def test_a_size_is_judged_where_the_true_effect_is_named():
     ]
     assert seen_of("size inside", *drives) == (2, 3)
     assert seen_of("pairs", *drives) == (0, 1)
+
+
+def test_a_pair_of_which_one_is_small_counts_and_is_seen_apart():
+    gain, area = drive("pair", verdict(), "maf.gain", "egr.area").truth["effects"]
+    drives = [
+        drive("pair", verdict(effect("maf.gain"), effect("egr.area")), "maf.gain", "egr.area"),
+        drive("pair", verdict(effect("maf.gain")), effects=[gain, {**area, "change": 0.004}]),
+    ]
+    assert seen_of("pairs: both", *drives) == (1, 2)
+    assert seen_of("- of them each above", *drives) == (1, 1)
 
 
 @pytest.mark.parametrize(
