@@ -81,7 +81,7 @@ class _Products:
         each = thresholds.COST + thresholds.FORM_SHARE * np.asarray(gain)
         return np.asarray(np.log(self.count) + (unknowns - 1) * each)
 
-    def best(self, lot: _Lot, start: Form) -> list[_Tried]:
+    def best(self, lot: _Lot, start: Form, most: int = thresholds.FORM_RIVALS) -> list[_Tried]:
         """Return the best forms that have one factor more, with or without a reference, each of another signal."""
         y = _along_pools(replace(start, target=""), self.problem, self.first)
         plain, referred, references = lot.gains(y, self.shapes)
@@ -101,7 +101,7 @@ class _Products:
             factors = (*start.factors, replace(self.factors[i], reference=reference))
             tried = _Tried(float(scores[i, with_reference]), replace(start, factors=factors), lot)
             found.setdefault(self.factors[i].signal, tried)
-            if len(found) == thresholds.FORM_RIVALS:
+            if len(found) == most:
                 break
         return list(found.values())
 
@@ -151,12 +151,12 @@ def best_forms(linear: Linear, found: Sequence[Candidate]) -> list[Candidate]:
     alone = _leading([library.alone(start.lot, start.form) for start in starts], thresholds.SHORTLIST)
     # an error that moves shows in the reading, unless the truth moves against it
     still = {name for name in problem.measured if not moves(recorded_at(problem, name))}
-    pool = [
-        tried for start in starts if start.form.target not in still for tried in library.best(start.lot, start.form)
-    ]
+    moving = [start for start in starts if start.form.target not in still]
+    firsts = [(start, library.best(start.lot, start.form, thresholds.FORM_FIRST)) for start in moving]
+    pool = [tried for _, ahead in firsts for tried in ahead[: thresholds.FORM_RIVALS]]
     targets = list(dict.fromkeys(tried.form.target for tried in _leading(pool, len(pool))))[: thresholds.SHORTLIST]
-    for start in starts:
-        for name in library.names if start.form.target in targets else ():
+    for start, ahead in firsts:
+        for name in [each.form.factors[-1].signal for each in ahead if start.form.target in targets]:
             longer = replace(start.form, factors=(*start.form.factors, Factor(name)))
             pool += library.best(start.lot, longer)[:1] if name != start.form.target else []
     leading = _leading(_plainest([*pool, *alone]), thresholds.FORM_TRIED)

@@ -94,7 +94,7 @@ def test_a_formula_that_holds_at_no_place_ends_no_search(laid_out, clean, monkey
 def test_a_reading_that_stands_still_is_off_by_nothing_that_moves(laid_out, clean, monkeypatch):
     """An error that moves would show in it. Ambient pressure was too low by 0.9988 * (p_ic - 1.009e5 Pa)."""
     linear, tried = fit(laid_out(clean)), set()
-    monkeypatch.setattr(form_search._Products, "best", lambda _, lot, start: tried.add(start.target) or [])
+    monkeypatch.setattr(form_search._Products, "best", lambda _, lot, start, *most: tried.add(start.target) or [])
     monkeypatch.setattr(form_search._Products, "alone", lambda _, lot, form: form_search._Tried(-np.inf, form, lot))
     assert form_search.best_forms(linear, [fit_candidate(linear, linear.problem.model.effect("maf.gain"))]) == []
     assert tried >= {"W_maf", "p_im", "egr.area"}
