@@ -18,7 +18,7 @@ from lpvobs.discovery.evidence import Candidate, fit_candidate
 from lpvobs.discovery.fit import linearised
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.places import averaged
-from lpvobs.discovery.residual import Term
+from lpvobs.discovery.residual import Problem, Term
 from lpvobs.discovery.sizes import slope_of
 from lpvobs.discovery.thresholds import COST, CURVE_SIZES, KNOTS, LARGEST, MOST_LEVELS, RIDGE, TENT_WIDTHS
 from lpvobs.engines.curves import on_surface, values_at
@@ -78,6 +78,10 @@ def _fitted(
 ) -> Candidate:
     """Return a curve as a candidate, its gain less what its coefficients cost."""
     candidate = fit_candidate(linear, effect, size=size, like=Term(effect, effect.null, begin, curve=curve))
+    if effect.id in linear.problem.seeming.shapes and candidate.gain > curve.cost:
+        # the coefficients cost as much of what is told beside the shapes that healthy drives show
+        told = (candidate.told * candidate.gain - curve.cost) / (candidate.gain - curve.cost)
+        candidate = replace(candidate, told=max(told, 0.0))
     return replace(candidate, gain=candidate.gain - curve.cost)
 
 
@@ -153,18 +157,11 @@ def surface_of(
     It acts from `begin` on. `known` is the curve that the model has already, shape (first, second).
     """
     problem = linear.problem
-    if any(channel not in problem.signals.value for channel in curve.carrier.needs):
+    if not is_recorded(problem, curve):
         return None
-    inputs = curve.inputs(problem.model.constants, {name: problem.along(name) for name in problem.signals.value})
-    (first, second), (x, y) = curve.axes.items(), inputs
+    (first, second), (x, y) = curve.axes.items(), _inputs(problem, curve)
     shape = first[1].values.size, second[1].values.size
-    nodes, share = on_surface(first[1].values, second[1].values, x, y)
-    share = share * (problem.clock >= begin)[:, None]
-    hats = np.zeros((shape[0] * shape[1], problem.K))
-    np.add.at(hats, (nodes, np.arange(problem.K)[:, None]), share)
-    seen: NDArray[np.bool_] = np.asarray(hats[:, problem.used].any(1))
-    columns = linear.whiten(slope_of(linear, curve.carrier, curve.carrier.null) * hats[seen, None, None])
-    gradient, normal = linear.beside(columns)
+    nodes, share, seen, gradient, normal = _by_node(linear, curve, begin)
     sizes = [size * curve.deviation for size in CURVE_SIZES]
     if known is not None:
         gradient = gradient - normal @ known.reshape(-1)[seen]
@@ -188,6 +185,46 @@ def surface_of(
         cost=cost,
         single=any(each is best for each in line),
     )
+
+
+def is_recorded(problem: Problem, curve: ComponentCurve) -> bool:
+    """Return whether the logs have all that a component's curve needs."""
+    return all(channel in problem.signals.value for channel in curve.carrier.needs)
+
+
+def _inputs(problem: Problem, curve: ComponentCurve) -> tuple[Array, Array]:
+    return curve.inputs(problem.model.constants, {name: problem.along(name) for name in problem.signals.value})
+
+
+def _by_node(
+    linear: Linear, curve: ComponentCurve, begin: float
+) -> tuple[NDArray[np.int64], Array, NDArray[np.bool_], Array, Array]:
+    """Return nodes and shares along the places, which nodes the drive has seen, and gradient and normal matrix of those."""
+    problem, (first, second) = linear.problem, [axis.values for axis in curve.axes.values()]
+    x, y = _inputs(problem, curve)
+    nodes, share = on_surface(first, second, x, y)
+    share = share * (problem.clock >= begin)[:, None]
+    hats = np.zeros((first.size * second.size, problem.K))
+    np.add.at(hats, (nodes, np.arange(problem.K)[:, None]), share)
+    seen: NDArray[np.bool_] = np.asarray(hats[:, problem.used].any(1))
+    columns = linear.whiten(slope_of(linear, curve.carrier, curve.carrier.null) * hats[seen, None, None])
+    return nodes, share, seen, *linear.beside(columns)
+
+
+def shape_shown(linear: Linear, curve: ComponentCurve, begin: float) -> tuple[float, float]:
+    """Return gradient and information of a component's curve over its first input, of all that may be, its factor free beside it.
+
+    The square of the gradient over the information is one on average if there is noise alone.
+    """
+    *_, seen, gradient, normal = _by_node(linear, curve, begin)
+    along = normal.sum(1)
+    factor = max(float(along.sum()), np.finfo(float).tiny)  # the factor has the same size at all nodes
+    root = np.linalg.cholesky(curve.correlations()[0][np.ix_(seen, seen)] + RIDGE * np.eye(int(np.count_nonzero(seen))))
+    strength, modes = np.linalg.eigh(root.T @ (normal - np.outer(along, along) / factor) @ root)
+    strength = np.maximum(strength, 0.0)
+    shape = modes.T @ root.T @ (gradient - along * (float(gradient.sum()) / factor))
+    precision = strength + curve.deviation**-2.0  # what data do not tell counts as little as in a fit
+    return float(np.linalg.norm(shape / np.sqrt(precision))), float((strength / precision).sum())
 
 
 def driven_by(curve: ComponentCurve, surface: FactorSurface) -> Effect:

@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from lpvobs.discovery.courses import GRADED
+from lpvobs.discovery.courses import GRADED, FactorSurface
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.normal import pins
 from lpvobs.discovery.residual import Term
@@ -146,6 +146,8 @@ def _told(linear: Linear, term: Term, information: float, unevenness: float) -> 
     Its variance is that of noise and of what the size takes of the healthy one, by how much they act alike.
     """
     problem = linear.problem
+    if isinstance(term.curve, FactorSurface) and term.curve.single and term.effect.id in problem.seeming.shapes:
+        return _beside_factor(linear, term) / (1.0 + problem.seeming.shapes[term.effect.id] * problem.data)
     information = information / max(unevenness, 1.0)  # what varies from block to block tells less of a size
     share = term.acts(problem.clock).astype(float)
     if term.course is not None and term.course.name in GRADED:
@@ -155,6 +157,16 @@ def _told(linear: Linear, term: Term, information: float, unevenness: float) -> 
     known = problem.seems(term, information * own / power)
     alike = float((share * healthy).mean()) ** 2 / (power * own)
     return 1.0 / (1.0 + alike * known)
+
+
+def _beside_factor(linear: Linear, term: Term) -> float:
+    """Return the share of the information about a component's curve that is left beside its factor, which varies by day."""
+    seeming, on = linear.problem.seeming, term.acts(linear.problem.clock).astype(float)
+    (carrier,) = (curve.carrier for curve in linear.problem.model.curves if curve.id == term.effect.id)
+    slopes = [slope_of(linear, effect, effect.null) * on for effect in (term.effect, carrier)]
+    _, ((own, both), (_, factor)) = linear.beside(linear.whiten(np.stack(slopes)))
+    varies = (seeming.whole if term.whole else seeming.late).get(carrier.id, 0.0)
+    return float(1.0 - both**2 * varies**2 / max(own * (1.0 + factor * varies**2), np.finfo(float).tiny))
 
 
 def elsewhere_of(linear: Linear) -> float:

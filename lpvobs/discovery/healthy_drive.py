@@ -77,7 +77,7 @@ class HealthyDrive:
         Item("1", "deviation of each of the engine's unknowns from the value beside the map, relative", ("unknown",)),
     ]
     covariance: Annotated[Array, Item("1", "covariance of these deviations", ("unknown", "other_unknown"))]
-    effects: Annotated[tuple[str, ...], Item("1", "effect of the catalogue", name="effect")]
+    effects: Annotated[tuple[str, ...], Item("1", "effect of the catalogue, or curve of a component", name="effect")]
     whole: Annotated[
         Array, Item("1", "standard deviation beyond noise of its size on healthy drives, in its unit", ("effect",))
     ]
@@ -219,14 +219,25 @@ class HealthyDrive:
 
     def _seeming(self, problem: Problem) -> Seeming:
         """Return what a healthy engine seems to have of every effect, and of what acts in the place of some: their mean."""
+        curves = {curve.id for curve in problem.model.curves}
         whole, late, each = (
-            dict(zip(self.effects, x.tolist(), strict=True)) for x in (self.whole, self.late, self.beyond)
+            {name: float(x) for name, x in zip(self.effects, row, strict=True) if name not in curves}
+            for row in (self.whole, self.late, self.beyond)
         )
+        shapes = {name: float(x) for name, x in zip(self.effects, self.beyond, strict=True) if name in curves}
         known = [effect for effect in problem.catalogue if effect.id in each]
         in_place = {effect.place: [each[e.id] for e in known if e.place == effect.place] for effect in known}
         places = {place: float(np.mean(own)) for place, own in in_place.items()}
         return Seeming(
-            whole, late, each, places, self.common, self.uneven, len(self.logs) + thresholds.POOLED, len(self.logs)
+            whole,
+            late,
+            shapes,
+            each,
+            places,
+            self.common,
+            self.uneven,
+            len(self.logs) + thresholds.POOLED,
+            len(self.logs),
         )
 
     def _slow(self, problem: Problem, features: Array, b: int, wider: Array) -> Array:

@@ -15,6 +15,7 @@ import scipy
 from numpy.typing import NDArray
 
 from lpvobs.discovery import thresholds
+from lpvobs.discovery.curves import is_recorded, shape_shown
 from lpvobs.discovery.evidence import elsewhere_of, first_order
 from lpvobs.discovery.fit import fit
 from lpvobs.discovery.healthy_drive import (
@@ -35,6 +36,8 @@ from lpvobs.engines.residual_model import ResidualModel
 from lpvobs.maps.grid import Grid
 from lpvobs.records import Array, Log
 
+Scores = dict[str, list[tuple[float, float]]]  # gradient and information by name, whole and late
+
 
 def learned(model: ResidualModel, grid: Grid, prior: MapPrior, logs: Sequence[Log]) -> HealthyDrive:
     """Return what healthy drives show; each tells what it seems to have of every effect, seen from the others.
@@ -43,28 +46,43 @@ def learned(model: ResidualModel, grid: Grid, prior: MapPrior, logs: Sequence[Lo
     """
     parts = halves(logs[0]) if len(logs) == 1 else list(logs)
     judged = [_judged(model, grid, prior, parts[:i] + parts[i + 1 :], log) for i, log in enumerate(parts)]
-    seen_by, data, uneven = zip(*judged, strict=True)
-    effects = tuple(effect for effect in seen_by[0] if all(effect in each for each in seen_by))
-    scores = np.array([[each[effect] for effect in effects] for each in seen_by])
-    (whole, beyond), (late, beyond_late) = (beyond_noise(*scores[:, :, i].transpose(2, 0, 1)) for i in (0, 1))
-    beyond = np.maximum(beyond, beyond_late) / float(np.mean(data))
+    seen_by, curves_by, data, uneven = zip(*judged, strict=True)
+    effects, whole, late, beyond = _beyond_on_drives(seen_by, float(np.mean(data)))
+    curves, *of_curves = _beyond_on_drives(curves_by, float(np.mean(data)))
+    common, rows = float(beyond.mean()), zip((whole, late, beyond), of_curves, strict=True)
+    whole, late, beyond = (np.concatenate(both) for both in rows)
     found = learned_from(model, grid, prior, parts)
     return replace(
-        found, logs=tuple(log.name for log in logs), effects=effects, whole=whole, late=late, beyond=beyond,
-        common=float(beyond.mean()), uneven=max(1.0, *uneven),
+        found, logs=tuple(log.name for log in logs), effects=(*effects, *curves), whole=whole, late=late, beyond=beyond,
+        common=common, uneven=max(1.0, *uneven),
     )  # fmt: skip
+
+
+def _beyond_on_drives(seen_by: Sequence[Scores], data: float) -> tuple[tuple[str, ...], Array, Array, Array]:
+    """Return the names that all drives show, their sizes beyond noise, whole and late, and their variance by residual."""
+    names = tuple(name for name in seen_by[0] if all(name in each for each in seen_by))
+    if not names:
+        return names, np.empty(0), np.empty(0), np.empty(0)
+    scores = np.array([[each[name] for name in names] for each in seen_by])
+    (whole, beyond), (late, beyond_late) = (beyond_noise(*scores[:, :, i].transpose(2, 0, 1)) for i in (0, 1))
+    return names, whole, late, np.maximum(beyond, beyond_late) / data
 
 
 def _judged(
     model: ResidualModel, grid: Grid, prior: MapPrior, others: Sequence[Log], log: Log
-) -> tuple[dict[str, list[tuple[float, float]]], float, float]:
-    """Return gradient and information of each effect on a drive, whole and late, as others see it; how much data; how uneven."""
+) -> tuple[Scores, Scores, float, float]:
+    """Return what a drive shows of each effect and of each curve, as others see it; how much data; how uneven."""
     seen = learned_from(model, grid, prior, others)
     laid = seen.taken_off(lay_out(seen.engine(model), grid, prior.beside(seen.deviation), [log], spacing=seen.spacing))
     linear, middle = fit(laid, passes=2), 0.5 * float(laid.clock[0] + laid.clock[-1])
     spans = (-np.inf, np.inf), (middle, np.inf)
     return (
         {effect.id: first_order(linear, effect, *spans) for effect in laid.catalogue},
+        {
+            curve.id: [shape_shown(linear, curve, begin) for begin, _ in spans]
+            for curve in laid.model.curves
+            if is_recorded(laid, curve)
+        },
         laid.data,
         elsewhere_of(linear),
     )

@@ -76,6 +76,8 @@ class Seeming:
 
     whole: Mapping[str, float] = field(default_factory=dict)  # by effect, in its unit, where it acts all along
     late: Mapping[str, float] = field(default_factory=dict)  # where it acts from the middle of a drive on
+    # by curve of a component, the variance of its shape beside the component's factor, over that of noise, by independent residual
+    shapes: Mapping[str, float] = field(default_factory=dict)
     # by effect, the variance over that of noise, by independent residual
     effects: Mapping[str, float] = field(default_factory=dict)
     places: Mapping[str, float] = field(default_factory=dict)  # of a curve or a formula, by the place where it acts
