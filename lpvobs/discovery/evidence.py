@@ -123,13 +123,15 @@ def fit_candidate(
     return Candidate(gain=best.gain if known else 0.0, from_start=from_start, **weighed)
 
 
-def _weighed(linear: Linear, term: Term, left: Array, scores: Array | None, information: float) -> dict[str, Any]:
+def _weighed(
+    linear: Linear, term: Term, left: Array, scores: Array | None, information: float, told: float | None = None
+) -> dict[str, Any]:
     """Return what a whitened residual that is left beside an effect says of it; no scores by stretch where they are noise."""
     unevenness, elsewhere = 1.0, 1.0
     if scores is not None:
         squares = linear.problem.by_coarse(scores) ** 2 / information
         unevenness, elsewhere = float(squares.sum()), float(squares.sum() - squares.max())
-    told = _told(linear, term, information, unevenness)
+    told = _told(linear, term, information, unevenness) if told is None else told
     return {
         "term": term,
         "information": float(told * information),
@@ -146,7 +148,7 @@ def _told(linear: Linear, term: Term, information: float, unevenness: float) -> 
     Its variance is that of noise and of what the size takes of the healthy one, by how much they act alike.
     """
     problem = linear.problem
-    if isinstance(term.curve, FactorSurface) and term.curve.single and term.effect.id in problem.seeming.shapes:
+    if _has_known_shape(linear, term):
         return _beside_factor(linear, term) / (1.0 + problem.seeming.shapes[term.effect.id] * problem.data)
     information = information / max(unevenness, 1.0)  # what varies from block to block tells less of a size
     share = term.acts(problem.clock).astype(float)
@@ -157,6 +159,12 @@ def _told(linear: Linear, term: Term, information: float, unevenness: float) -> 
     known = problem.seems(term, information * own / power)
     alike = float((share * healthy).mean()) ** 2 / (power * own)
     return 1.0 / (1.0 + alike * known)
+
+
+def _has_known_shape(linear: Linear, term: Term) -> bool:
+    """Return whether a term is a component's curve over one input, and healthy drives tell how far its shape varies."""
+    single = isinstance(term.curve, FactorSurface) and term.curve.single
+    return single and term.effect.id in linear.problem.seeming.shapes
 
 
 def _beside_factor(linear: Linear, term: Term) -> float:
@@ -187,7 +195,9 @@ def in_place(linear: Linear, index: int, like: Candidate) -> Candidate:
     scores = linear.products_by_block(left) @ (row / row[at])
     term = linear.terms[index]
     gain = like.gain if like.gain != 0.0 else 0.5 * information * (term.size - term.effect.null) ** 2
-    return replace(like, gain=gain, **_weighed(linear, term, left, scores, information))
+    # what is told of a curve was found beside a model without it: here nothing of its direction is left
+    told = like.told if like.id == term.effect.id and _has_known_shape(linear, term) else None
+    return replace(like, gain=gain, **_weighed(linear, term, left, scores, information, told))
 
 
 def gains_of_intervals(linear: Linear, direction: Array) -> Array:

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from lpvobs.discovery.curves import driven_by, shape_shown, surface_of
-from lpvobs.discovery.evidence import _told
-from lpvobs.discovery.fit import fit
+from lpvobs.discovery.evidence import _told, fit_candidate, in_place
+from lpvobs.discovery.fit import fit, refit
 from lpvobs.discovery.patterns import Seeming
 from lpvobs.discovery.residual import Term
 from lpvobs.discovery.sizes import slope_of
@@ -86,3 +86,15 @@ def test_a_curve_of_which_healthy_drives_tell_nothing_is_told_as_before(linear, 
     surface = told(linear, curve, Seeming(shapes={curve.id: 0.0}))[1]
     term = Term(driven_by(curve, surface), 0.0, curve=surface)
     assert _told(SimpleNamespace(problem=problem), term, 1e4, 1.0) == pytest.approx(0.25)
+
+
+def test_a_curve_in_the_model_is_told_as_it_was_without_it(linear, curve):
+    """Beside itself nothing of its direction is left, and a share of that is noise of rounding."""
+    surface = told(linear, curve, Seeming(shapes={curve.id: 0.0}))[1]
+    seeming = Seeming(whole={curve.carrier.id: 0.01}, shapes={curve.id: 1.0 / linear.problem.data})
+    judged = fit(
+        replace(linear.problem, seeming=seeming), [Term(driven_by(curve, surface), 0.03, curve=surface)], passes=1
+    )
+    alone = fit_candidate(refit(judged, ()), judged.terms[0].effect, size=0.03, like=judged.terms[0])
+    assert 0.0 < alone.told < 0.6
+    assert in_place(judged, 0, alone).told == alone.told
