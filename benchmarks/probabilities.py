@@ -12,8 +12,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 from common import CYCLES, RESULTS, configuration, drive, markdown, publish
 
+from lpvobs.discovery.map_prior import free_map
 from lpvobs.discovery.refine import refine
-from lpvobs.discovery.residual import free_map
 from lpvobs.engines.diesel.effects import diesel_model
 from lpvobs.records import Array
 from lpvobs.simulation.simulate import drawn

@@ -13,7 +13,7 @@ import numpy as np
 from lpvobs.api.known_engine import known_engine
 from lpvobs.discovery.healthy_drive import HealthyDrive
 from lpvobs.discovery.healthy_learning import learned
-from lpvobs.discovery.residual import MapPrior, free_map, nominal_map
+from lpvobs.discovery.map_prior import MapPrior, free_map, nominal_map
 from lpvobs.discovery.thresholds import HEALTHY_LEAST, HEALTHY_SECONDS, LEAST_LEFT
 from lpvobs.engines.residual_model import ResidualModel
 from lpvobs.engines.unknowns import LeftAtNodes, Unknowns

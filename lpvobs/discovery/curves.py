@@ -19,7 +19,7 @@ from lpvobs.discovery.fit import linearised
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.places import averaged
 from lpvobs.discovery.residual import Problem, Term
-from lpvobs.discovery.sizes import slope_of
+from lpvobs.discovery.sizes import is_clear, slope_of
 from lpvobs.discovery.thresholds import COST, CURVE_SIZES, KNOTS, LARGEST, MOST_LEVELS, RIDGE, TENT_WIDTHS
 from lpvobs.engines.curves import on_surface, values_at
 from lpvobs.engines.effects import Effect, Signals
@@ -78,10 +78,6 @@ def _fitted(
 ) -> Candidate:
     """Return a curve as a candidate, its gain less what its coefficients cost."""
     candidate = fit_candidate(linear, effect, size=size, like=Term(effect, effect.null, begin, curve=curve))
-    if effect.id in linear.problem.seeming.shapes and candidate.gain > curve.cost:
-        # the coefficients cost as much of what is told beside the shapes that healthy drives show
-        told = (candidate.told * candidate.gain - curve.cost) / (candidate.gain - curve.cost)
-        candidate = replace(candidate, told=max(told, 0.0))
     return replace(candidate, gain=candidate.gain - curve.cost)
 
 
@@ -212,18 +208,23 @@ def _by_node(
 
 
 def shape_shown(linear: Linear, curve: ComponentCurve, begin: float) -> tuple[float, float]:
-    """Return gradient and information of a component's curve over its first input, of all that may be, its factor free beside it.
+    """Return gradient and information of the shape of a component's curve over its first input, its factor free beside it.
 
-    The square of the gradient over the information is one on average if there is noise alone.
+    They are the norm of the gradient by all shapes, each in units of its noise, and the number of these shapes. The square of the
+    one over the other is one on average where there is noise alone. Shapes of which the drive tells less than is known beforehand
+    count in part, and none counts where noise tells as much of the factor as the drive does.
     """
+    slope = linear.whiten(slope_of(linear, curve.carrier, curve.carrier.null) * (linear.problem.clock >= begin))
+    factor = float(linear.beside(slope[None])[1][0, 0])
+    if not is_clear(linear, slope, factor):
+        return 0.0, 0.0
     *_, seen, gradient, normal = _by_node(linear, curve, begin)
-    along = normal.sum(1)
-    factor = max(float(along.sum()), np.finfo(float).tiny)  # the factor has the same size at all nodes
+    along = normal.sum(1)  # the factor has the same size at all nodes
     root = np.linalg.cholesky(curve.correlations()[0][np.ix_(seen, seen)] + RIDGE * np.eye(int(np.count_nonzero(seen))))
     strength, modes = np.linalg.eigh(root.T @ (normal - np.outer(along, along) / factor) @ root)
-    strength = np.maximum(strength, 0.0)
     shape = modes.T @ root.T @ (gradient - along * (float(gradient.sum()) / factor))
-    precision = strength + curve.deviation**-2.0  # what data do not tell counts as little as in a fit
+    shape, strength = shape[strength > 0.0], strength[strength > 0.0]
+    precision = strength + curve.deviation**-2.0
     return float(np.linalg.norm(shape / np.sqrt(precision))), float((strength / precision).sum())
 
 

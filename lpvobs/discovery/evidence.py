@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from lpvobs.discovery.courses import GRADED, FactorSurface
+from lpvobs.discovery.courses import GRADED
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.normal import pins
 from lpvobs.discovery.residual import Term
@@ -33,6 +33,9 @@ class Candidate:
     elsewhere: float
     from_start: bool  # whether it acts from the first tenth of the logs on, and ends
     told: float  # share of the gain that is left beside what a healthy engine always seems to have of the effect
+    paid: float = (
+        0.0  # by a curve of which healthy drives show the shape, for its coefficients: it pays from what is told of it
+    )
 
     @property
     def id(self) -> str:
@@ -132,7 +135,9 @@ def _weighed(
         squares = linear.problem.by_coarse(scores) ** 2 / information
         unevenness, elsewhere = float(squares.sum()), float(squares.sum() - squares.max())
     told = _told(linear, term, information, unevenness) if told is None else told
+    cost = 0.0 if term.curve is None else term.curve.cost
     return {
+        "paid": cost if len(linear.problem.known_as(term)) > 1 else 0.0,
         "term": term,
         "information": float(told * information),
         "unevenness": unevenness,
@@ -148,8 +153,8 @@ def _told(linear: Linear, term: Term, information: float, unevenness: float) -> 
     Its variance is that of noise and of what the size takes of the healthy one, by how much they act alike.
     """
     problem = linear.problem
-    if _has_known_shape(linear, term):
-        return _beside_factor(linear, term) / (1.0 + problem.seeming.shapes[term.effect.id] * problem.data)
+    if len(problem.known_as(term)) > 1:
+        return _told_of_shape(linear, term, unevenness)
     information = information / max(unevenness, 1.0)  # what varies from block to block tells less of a size
     share = term.acts(problem.clock).astype(float)
     if term.course is not None and term.course.name in GRADED:
@@ -161,20 +166,23 @@ def _told(linear: Linear, term: Term, information: float, unevenness: float) -> 
     return 1.0 / (1.0 + alike * known)
 
 
-def _has_known_shape(linear: Linear, term: Term) -> bool:
-    """Return whether a term is a component's curve over one input, and healthy drives tell how far its shape varies."""
-    single = isinstance(term.curve, FactorSurface) and term.curve.single
-    return single and term.effect.id in linear.problem.seeming.shapes
+def _told_of_shape(linear: Linear, term: Term, unevenness: float) -> float:
+    """Return the share of the gain of a component's curve that is left beside its factor and its shape, which vary by day.
 
-
-def _beside_factor(linear: Linear, term: Term) -> float:
-    """Return the share of the information about a component's curve that is left beside its factor, which varies by day."""
-    seeming, on = linear.problem.seeming, term.acts(linear.problem.clock).astype(float)
-    (carrier,) = (curve.carrier for curve in linear.problem.model.curves if curve.id == term.effect.id)
+    What the factor, as far as it varies, may explain of the curve is taken off.
+    """
+    problem, on = linear.problem, term.acts(linear.problem.clock).astype(float)
+    (carrier,) = (curve.carrier for curve in problem.model.curves if curve.id == term.effect.id)
     slopes = [slope_of(linear, effect, effect.null) * on for effect in (term.effect, carrier)]
-    _, ((own, both), (_, factor)) = linear.beside(linear.whiten(np.stack(slopes)))
-    varies = (seeming.whole if term.whole else seeming.late).get(carrier.id, 0.0)
-    return float(1.0 - both**2 * varies**2 / max(own * (1.0 + factor * varies**2), np.finfo(float).tiny))
+    (curved, level), ((own, both), (_, factor)) = linear.beside(linear.whiten(np.stack(slopes)))
+    if not (own > 0.0 and factor > 0.0 and curved != 0.0):
+        return 0.0
+    uneven = max(unevenness, 1.0)  # what varies from block to block tells less of a size
+    varies = problem.seems(term, factor / uneven)
+    taken = both / factor * varies / (1.0 + varies)
+    left, kept = curved - taken * level, own - taken * both
+    share = min((left**2 / kept) / (curved**2 / own), 1.0) if kept > 0.0 else 0.0
+    return float(share / (1.0 + problem.seems(term, kept / uneven, term.effect.id)))
 
 
 def elsewhere_of(linear: Linear) -> float:
@@ -195,8 +203,9 @@ def in_place(linear: Linear, index: int, like: Candidate) -> Candidate:
     scores = linear.products_by_block(left) @ (row / row[at])
     term = linear.terms[index]
     gain = like.gain if like.gain != 0.0 else 0.5 * information * (term.size - term.effect.null) ** 2
-    # what is told of a curve was found beside a model without it: here nothing of its direction is left
-    told = like.told if like.id == term.effect.id and _has_known_shape(linear, term) else None
+    # what is told of a curve's shape was found beside a model without it: here nothing of its direction is left
+    known_as = linear.problem.known_as(term)
+    told = like.told if len(known_as) > 1 and known_as == linear.problem.known_as(like.term) else None
     return replace(like, gain=gain, **_weighed(linear, term, left, scores, information, told))
 
 

@@ -214,7 +214,11 @@ def standard_errors(linear: Linear) -> Array:
     prior = prior_precision(linear.problem, linear.terms)
     free = replace(linear, factor=cholesky(linear.normal - np.diag(pins(linear))))
     within = np.array([_variance(linear, free.row(i), prior, i) for i in range(len(linear.terms))])
-    within += [linear.problem.seems(term, 1.0 / own) * own for term, own in zip(linear.terms, within, strict=True)]
+    problem = linear.problem
+    within += [
+        own * sum(problem.seems(term, 1.0 / own, name) for name in problem.known_as(term))
+        for term, own in zip(linear.terms, within, strict=True)
+    ]
     learned = linear.problem.model.healthy is not None or len(linear.problem.patterns) > 0
     off = [max(RESPONSE, term.effect.unlearned) if learned else 0.0 for term in linear.terms]
     within += [(own * (term.size - term.effect.null)) ** 2 for own, term in zip(off, linear.terms, strict=True)]

@@ -1,4 +1,7 @@
-"""The sparse search for forms: every product of the library against the residual at once, then the best of them one by one."""
+"""The sparse search for forms: products of the library against the residual, many at once, then the best of them one by one.
+
+A product of two signals has one of the few that gain most alone. The price counts all products all the same.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -79,11 +79,13 @@ class HealthyDrive:
     covariance: Annotated[Array, Item("1", "covariance of these deviations", ("unknown", "other_unknown"))]
     effects: Annotated[tuple[str, ...], Item("1", "effect of the catalogue, or curve of a component", name="effect")]
     whole: Annotated[
-        Array, Item("1", "standard deviation beyond noise of its size on healthy drives, in its unit", ("effect",))
+        Array,
+        Item("1", "standard deviation beyond noise of its size on healthy drives, in its unit", ("effect",), gaps=True),
     ]
-    late: Annotated[Array, Item("1", "the same where it acts from the middle of a drive on", ("effect",))]
+    late: Annotated[Array, Item("1", "the same where it acts from the middle of a drive on", ("effect",), gaps=True)]
     beyond: Annotated[Array, Item("1", "variance of its size over that of noise, by independent residual", ("effect",))]
     common: Annotated[float, Item("1", "the same of all effects together")] = 0.0
+    seconds: Annotated[float, Item("s", "length of a healthy drive, on average")] = thresholds.HEALTHY_SECONDS
     uneven: Annotated[
         float, Item("1", "largest variance over blocks of the score of an effect, over that of noise")
     ] = 1.0
@@ -219,25 +221,24 @@ class HealthyDrive:
 
     def _seeming(self, problem: Problem) -> Seeming:
         """Return what a healthy engine seems to have of every effect, and of what acts in the place of some: their mean."""
-        curves = {curve.id for curve in problem.model.curves}
         whole, late, each = (
-            {name: float(x) for name, x in zip(self.effects, row, strict=True) if name not in curves}
+            {name: float(x) for name, x in zip(self.effects, row, strict=True) if not np.isnan(x)}
             for row in (self.whole, self.late, self.beyond)
         )
-        shapes = {name: float(x) for name, x in zip(self.effects, self.beyond, strict=True) if name in curves}
         known = [effect for effect in problem.catalogue if effect.id in each]
         in_place = {effect.place: [each[e.id] for e in known if e.place == effect.place] for effect in known}
         places = {place: float(np.mean(own)) for place, own in in_place.items()}
         return Seeming(
             whole,
             late,
-            shapes,
             each,
             places,
             self.common,
             self.uneven,
             len(self.logs) + thresholds.POOLED,
             len(self.logs),
+            # a further one is learned from where enough of an hour is missing
+            1 + int((thresholds.HEALTHY_SECONDS - thresholds.HEALTHY_LEAST) / self.seconds),
         )
 
     def _slow(self, problem: Problem, features: Array, b: int, wider: Array) -> Array:

@@ -28,9 +28,10 @@ from lpvobs.discovery.healthy_drive import (
 )
 from lpvobs.discovery.imbalances import imbalances_at, map_along, operating_nodes, scenes_with
 from lpvobs.discovery.likeliest import LEAST_PIECES, START, likeliest, likeliest_lengths, pieces, usual_lengths
+from lpvobs.discovery.map_prior import MapPrior
 from lpvobs.discovery.noise import beyond_usual
 from lpvobs.discovery.places import moves
-from lpvobs.discovery.residual import MapPrior, Problem, lay_out
+from lpvobs.discovery.residual import Problem, lay_out
 from lpvobs.engines.effects import SENSOR
 from lpvobs.engines.residual_model import ResidualModel
 from lpvobs.maps.grid import Grid
@@ -48,13 +49,13 @@ def learned(model: ResidualModel, grid: Grid, prior: MapPrior, logs: Sequence[Lo
     judged = [_judged(model, grid, prior, parts[:i] + parts[i + 1 :], log) for i, log in enumerate(parts)]
     seen_by, curves_by, data, uneven = zip(*judged, strict=True)
     effects, whole, late, beyond = _beyond_on_drives(seen_by, float(np.mean(data)))
-    curves, *of_curves = _beyond_on_drives(curves_by, float(np.mean(data)))
-    common, rows = float(beyond.mean()), zip((whole, late, beyond), of_curves, strict=True)
-    whole, late, beyond = (np.concatenate(both) for both in rows)
+    curves, _, _, of_shape = _beyond_on_drives(curves_by, float(np.mean(data)))
+    common, no_size = float(beyond.mean()), np.full(len(curves), np.nan)  # all shapes together have none
+    whole, late, beyond = (np.concatenate(both) for both in ((whole, no_size), (late, no_size), (beyond, of_shape)))
     found = learned_from(model, grid, prior, parts)
     return replace(
         found, logs=tuple(log.name for log in logs), effects=(*effects, *curves), whole=whole, late=late, beyond=beyond,
-        common=common, uneven=max(1.0, *uneven),
+        common=common, uneven=max(1.0, *uneven), seconds=float(np.mean([log.time[-1] - log.time[0] for log in logs])),
     )  # fmt: skip
 
 
@@ -123,13 +124,14 @@ def beyond_noise(gradient: Array, information: Array) -> tuple[Array, Array]:
     Both arguments have shape (drives, effects). A few drives show little of one effect: what all effects together vary by, in units
     of their noise, counts as `POOLED` further drives.
     """
-    known = np.where(information > 0.0, information, np.inf)
-    beyond = gradient**2 / known - 1.0
-    common = max(float(beyond[information > 0.0].mean()), 0.0)
-    own = np.maximum(beyond.mean(0), 0.0)
-    n, pooled = len(beyond), thresholds.POOLED
+    tells = information > 0.0
+    known = np.where(tells, information, np.inf)
+    beyond = np.where(tells, gradient**2 / known - 1.0, 0.0)
+    n, pooled = tells.sum(0), thresholds.POOLED
+    common = max(float(beyond.sum() / max(n.sum(), 1)), 0.0)
+    own = np.maximum(beyond.sum(0) / np.maximum(n, 1), 0.0)
     found = np.maximum(own, (n * own + pooled * common) / (n + pooled))
-    return np.sqrt(found * (1.0 / known).mean(0)), found
+    return np.sqrt(found * (1.0 / known).sum(0) / np.maximum(n, 1)), found
 
 
 def learned_from(model: ResidualModel, grid: Grid, prior: MapPrior, logs: Sequence[Log]) -> HealthyDrive:

@@ -121,7 +121,9 @@ def _curve_again(linear: Linear, candidate: Candidate) -> tuple[Candidate, Linea
             break
         surface, term = moved
         linear = fit(linear.problem, [*linear.terms[:newest], term], passes=1, start=linear)
-    return in_place(linear, newest, candidate), linear
+    bare, term = without(linear, newest), linear.terms[newest]
+    own = fit_candidate(bare, term.effect, size=term.size, like=term)
+    return in_place(linear, newest, replace(own, gain=candidate.gain)), linear
 
 
 def at_its_end(term: Term) -> bool:
@@ -240,7 +242,8 @@ def finished(
     alike = dict.fromkeys([own.id, *(c.id for c in beside if fits_as_well(like, c, problem))])
     indistinguishable = tuple(id_ for id_ in without_variants(list(alike)) if id_ != own.id)
     share = own.gain / max(float(loss_of(bare).sum()), own.gain, 1e-300)
-    return Accepted(own, chance(own, problem), share, indistinguishable, *error_of(linear, index, standard_error))
+    p_value = chance(replace(own, gain=own.gain - own.paid), problem)
+    return Accepted(own, p_value, share, indistinguishable, *error_of(linear, index, standard_error))
 
 
 def error_of(linear: Linear, index: int, standard_error: float) -> tuple[float, Mapping[str, Number]]:
@@ -252,8 +255,7 @@ def error_of(linear: Linear, index: int, standard_error: float) -> tuple[float, 
 
 def _as_fitted(linear: Linear, bare: Linear, candidate: Candidate) -> Candidate:
     """Return an effect with losses of the model that has it, and what it gains there, less what a curve's coefficients cost."""
-    curve = candidate.term.curve
-    cost = 0.0 if curve is None else curve.cost
+    cost = 0.0 if candidate.term.curve is None else candidate.term.curve.cost
     return replace(candidate, gain=objective(bare) - objective(linear) - cost, loss=loss_of(linear))
 
 

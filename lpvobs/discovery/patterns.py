@@ -72,12 +72,13 @@ def _by_block(shapes, row, first):  # type: ignore[no-untyped-def]
 
 @dataclass(frozen=True)
 class Seeming:
-    """What a healthy engine seems to have of effects: the standard deviation of their sizes beyond noise."""
+    """What a healthy engine seems to have of effects: the standard deviation of their sizes beyond noise.
+
+    The curve of a component has no single size. What is known is the variance of its shape beside the component's factor.
+    """
 
     whole: Mapping[str, float] = field(default_factory=dict)  # by effect, in its unit, where it acts all along
     late: Mapping[str, float] = field(default_factory=dict)  # where it acts from the middle of a drive on
-    # by curve of a component, the variance of its shape beside the component's factor, over that of noise, by independent residual
-    shapes: Mapping[str, float] = field(default_factory=dict)
     # by effect, the variance over that of noise, by independent residual
     effects: Mapping[str, float] = field(default_factory=dict)
     places: Mapping[str, float] = field(default_factory=dict)  # of a curve or a formula, by the place where it acts
@@ -85,3 +86,4 @@ class Seeming:
     uneven: float = 1.0  # the largest variance over blocks of the score of an effect, over that of noise
     degrees: float = np.inf  # drives that tell of it, those that the pooled variance counts as among them
     drives: int = 0  # those drives alone
+    most: int = 0  # drives as long as these that are learned from at most

@@ -28,9 +28,6 @@ FAMILIES = 4
 effects on a course, and what has a curve or a formula. Counted as one, three of 100 clean drives of seed 285712 of the first bank
 had a p-value below 0.01. Where healthy drives tell, Student's distribution is wide enough alone: three of 262, seed 723923."""
 
-MOST_DRIVES = int(thresholds.HEALTHY_SECONDS / thresholds.HEALTHY_LEAST)
-"""Healthy drives that are learned from at most: an hour, each of them long enough."""
-
 
 def is_uneven(candidate: Candidate, problem: Problem) -> bool:
     """Return whether a candidate has no single size: by how much more one of its own for every block would gain, of its gain.
@@ -111,8 +108,8 @@ def chance(candidate: Candidate, problem: Problem, wider: float = 1.0) -> float:
     compared with the rest of its drive, which tells the noise: the larger the part of noise, the nearer is its distribution to
     the normal one (Satterthwaite). That is a choice, held by the clean drives of seed 723923 of the second bank.
     """
-    gain = max(candidate.gain - candidate.price, 0.0)
-    statistic = 2.0 * candidate.told * (gain / wider) / max(candidate.unevenness, 1.0)
+    gain = max(candidate.told * max(candidate.gain - candidate.price + candidate.paid, 0.0) - candidate.paid, 0.0)
+    statistic = 2.0 * (gain / wider) / max(candidate.unevenness, 1.0)
     ends = max(candidate.loss.size / thresholds.LEAST_LENGTH, 1.0)
     hypotheses = _families(problem) * len(problem.catalogue) * ends**candidate.changes
     varies = 1.0 - candidate.told if candidate.changes else 1.0  # the part whose variance drives alone tell
@@ -127,11 +124,11 @@ def _families(problem: Problem) -> int:
 def drives_needed(candidates: Sequence[Candidate], problem: Problem) -> tuple[str, int] | None:
     """Return the candidate that the fewest healthy drives would prove, and their number, if days differ as the known ones do.
 
-    None where no number does that is learned from. One drive does not tell how days differ. Candidates that would have no name even
-    then are left out.
+    None where no number does that is learned from, if drives are as long as the known ones. One drive does not tell how days
+    differ. Candidates that would have no name even then are left out.
     """
     known, seeming = [c for c in candidates if _may_be_named(c, problem)], problem.seeming
-    for number in range(seeming.drives + 1, MOST_DRIVES + 1 if seeming.drives > 1 else 0):
+    for number in range(seeming.drives + 1, seeming.most + 1 if seeming.drives > 1 else 0):
         told = replace(problem, seeming=replace(seeming, degrees=number + thresholds.POOLED))
         proven = [c.id for c in known if is_significant(c, told)]
         if proven:

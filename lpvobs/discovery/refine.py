@@ -22,8 +22,9 @@ from lpvobs.discovery.imbalances import residual_of, scenes_with
 from lpvobs.discovery.joint_choice import Accepted, error_of
 from lpvobs.discovery.known_effects import NINETY, KnownEffect, spans_of, term_on
 from lpvobs.discovery.linear import Linear
+from lpvobs.discovery.map_prior import MapPrior
 from lpvobs.discovery.places import place_in_logs
-from lpvobs.discovery.residual import MapPrior, Problem, Term, lay_out
+from lpvobs.discovery.residual import Problem, Term, lay_out
 from lpvobs.discovery.select import Selection, select
 from lpvobs.discovery.thresholds import AFFECTED, MOST_NAMED, PLACED, PROBE
 from lpvobs.discovery.whiteness import leftover, structure

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from lpvobs.discovery import thresholds
 from lpvobs.discovery.courses import FactorSurface, Shape, TracedCourse, state
+from lpvobs.discovery.map_prior import MapPrior
 from lpvobs.discovery.patterns import Patterns, Seeming
 from lpvobs.discovery.places import Places, blocks_of_logs, instants_of, kept_back, starts, stretches
 from lpvobs.engines.effects import SENSOR, Effect
@@ -17,30 +18,6 @@ from lpvobs.engines.followers import with_followers
 from lpvobs.engines.residual_model import Level, ResidualModel
 from lpvobs.maps.grid import Grid
 from lpvobs.records import Array, Log
-
-
-@dataclass(frozen=True)
-class MapPrior:
-    """The map before these logs: theta = mean + sensitivity beta + error."""
-
-    mean: Array  # (p,) [kg/s]
-    precision: Array  # (p, p) [s^2/kg^2] inverse covariance of the error
-    sensitivity: Array  # (p, q) [kg/s] derivative of the map by the relative error of each constant
-    free: bool  # whether the map is estimated from these logs
-
-    def beside(self, deviation: Array) -> "MapPrior":
-        """Return the map beside an engine whose constants deviate by so much more, shape (q,)."""
-        return replace(self, mean=self.mean + self.sensitivity @ deviation)
-
-    @cached_property
-    def standard_error(self) -> Array:
-        """Standard error of every node for given constants, shape (p,) [kg/s]."""
-        return np.asarray(np.sqrt(np.diag(np.linalg.inv(self.precision))))
-
-    @cached_property
-    def estimated(self) -> NDArray[np.bool_]:
-        """Whether each node was estimated before, shape (p,)."""
-        return np.asarray((np.diag(self.precision) > thresholds.UNKNOWN * self.precision.max()) & (not self.free))
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,17 +147,25 @@ class Problem(Places):
         """Return the same with nothing kept back."""
         return replace(self, used=np.ones(self.K, dtype=bool))
 
-    def seems(self, term: "Term", information: float) -> float:
-        """Return the variance of the size that a healthy engine seems to have of an effect, over that of noise, 1/information.
+    def known_as(self, term: "Term") -> tuple[str, ...]:
+        """Return the effects that tell what a healthy engine seems to have of a term: itself, most often.
 
-        What varies with the time on a healthy drive varies more within a shorter time: below half a drive as the noise does.
-        It is at most the multiple of noise that it is on healthy drives: what they leave is an error of the balances, and a
-        drive that tells more of an effect is thrown off less by it. A curve over one input seems to have what its component
-        does as a whole.
+        Of a curve over one input they are its component's factor, and its shape where healthy drives show that.
         """
         single = isinstance(term.curve, FactorSurface) and term.curve.single
         curve = self.model.curve(term.effect.id) if single else None
-        name = term.effect.id if curve is None else curve.carrier.id
+        if curve is None:
+            return (term.effect.id,)
+        return (curve.carrier.id, curve.id) if curve.id in self.seeming.effects else (curve.carrier.id,)
+
+    def seems(self, term: "Term", information: float, name: str = "") -> float:
+        """Return the variance of the size that a healthy engine seems to have of an effect, over that of noise, 1/information.
+
+        `name` is one that the term is known as, the first one by itself. What varies with the time on a healthy drive varies more
+        within a shorter time: below half a drive as the noise does. It is at most the multiple of noise that it is on healthy
+        drives: what they leave is an error of the balances, and a drive that tells more of an effect is thrown off less by it.
+        """
+        name = name or self.known_as(term)[0]
         in_place = self.seeming.places.get(term.effect.place, self.seeming.common)
         most = self.seeming.effects.get(name, in_place) * self.data
         size = (self.seeming.whole if term.whole else self.seeming.late).get(name)
@@ -252,29 +237,6 @@ class Term:
         """Return at which places it acts, shape (K,)."""
         on = (clock >= self.begin) & (clock < self.end)
         return np.asarray(on if self.only is None else on & self.only, dtype=bool)
-
-
-def free_map(grid: Grid, q: int, prior_map: float) -> MapPrior:
-    """Return the prior of a map that these logs make: a wide one [kg/s]."""
-    p = grid.size
-    return MapPrior(np.zeros(p), np.eye(p) / prior_map**2, np.zeros((p, q)), True)
-
-
-def nominal_map(theta: Array, covariance: Array, sensitivity: Array, constants: Array, prior_map: float) -> MapPrior:
-    """Return a stored map as what is known before other logs.
-
-    The map theta, shape (p_2, p_1), and its sensitivity, shape (q, p_2, p_1), are in kg/s, NaN where not estimated; its covariance,
-    shape (p, p) [kg^2/s^2], holds noise and constants together, as stored. `constants`, shape (q, q), is the covariance of their
-    relative errors beside this map, `prior_map` [kg/s] the standard deviation of a node that is not estimated.
-    """
-    known = np.isfinite(theta).ravel()
-    S = np.nan_to_num(sensitivity.reshape(len(constants), known.size).T)
-    noise = covariance - S @ constants @ S.T
-    own = np.where(known, thresholds.LIKENESS**2, prior_map**2)
-    noise = np.where(np.outer(known, known), noise, 0.0) + np.diag(own)
-    values, vectors = np.linalg.eigh(0.5 * (noise + noise.T))
-    precision = (vectors / np.maximum(values, thresholds.LIKENESS**2)) @ vectors.T
-    return MapPrior(np.nan_to_num(theta).ravel(), precision, S, False)
 
 
 def lay_out(

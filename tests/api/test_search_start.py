@@ -8,7 +8,7 @@ from repository import DIESEL
 
 from lpvobs.api.search_start import Start, known_from, nothing_known, search_start
 from lpvobs.discovery.known_effects import KnownEffect, Span
-from lpvobs.discovery.residual import MapPrior
+from lpvobs.discovery.map_prior import MapPrior
 from lpvobs.discovery.thresholds import LEAST_LEFT, LIKENESS
 from lpvobs.engines.diesel.effects import diesel_model
 from lpvobs.engines.unknowns import LeftAtNodes, Unknowns, loop_unknowns, unknowns_of

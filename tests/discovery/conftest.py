@@ -7,7 +7,8 @@ import pytest
 from repository import DIESEL
 
 from lpvobs.discovery.fit import fit
-from lpvobs.discovery.residual import free_map, lay_out
+from lpvobs.discovery.map_prior import free_map
+from lpvobs.discovery.residual import lay_out
 from lpvobs.engines.diesel.effects import diesel_model
 from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.io.configuration.config import load_config

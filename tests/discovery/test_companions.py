@@ -12,8 +12,9 @@ from lpvobs.discovery.courses import TracedCourse
 from lpvobs.discovery.evidence import Candidate
 from lpvobs.discovery.fit import fit
 from lpvobs.discovery.held_out import Losses
+from lpvobs.discovery.map_prior import MapPrior
 from lpvobs.discovery.patterns import Seeming
-from lpvobs.discovery.residual import MapPrior, Term, lay_out
+from lpvobs.discovery.residual import Term, lay_out
 
 
 @pytest.fixture(scope="module")

@@ -10,8 +10,9 @@ from lpvobs.discovery.curves import curve_in_place_of, driven_by, surface_of
 from lpvobs.discovery.evidence import fit_candidate, score
 from lpvobs.discovery.fit import fit
 from lpvobs.discovery.known_effects import term_on
+from lpvobs.discovery.map_prior import free_map
 from lpvobs.discovery.refine import refine
-from lpvobs.discovery.residual import free_map, lay_out
+from lpvobs.discovery.residual import lay_out
 from lpvobs.discovery.thresholds import TIE
 from lpvobs.engines.diesel.effects import LACKS
 from lpvobs.report.residual_figures import component_curve

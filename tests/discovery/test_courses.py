@@ -12,8 +12,9 @@ from lpvobs.discovery.courses import TracedCourse, relay, state
 from lpvobs.discovery.evidence import Candidate, fit_candidate
 from lpvobs.discovery.fit import fit
 from lpvobs.discovery.known_effects import effect_along, term_on
+from lpvobs.discovery.map_prior import free_map
 from lpvobs.discovery.refine import refine
-from lpvobs.discovery.residual import Term, free_map
+from lpvobs.discovery.residual import Term
 from lpvobs.report.spoken import in_words
 from lpvobs.simulation.effects import effect_of
 

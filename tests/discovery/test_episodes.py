@@ -8,7 +8,8 @@ import pytest
 from lpvobs.discovery.course_choice import _with_interval, comes_and_goes, switched
 from lpvobs.discovery.fit import fit
 from lpvobs.discovery.linear import Term
-from lpvobs.discovery.residual import free_map, lay_out
+from lpvobs.discovery.map_prior import free_map
+from lpvobs.discovery.residual import lay_out
 
 
 def worth_of(sequence, gain, cost):

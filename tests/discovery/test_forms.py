@@ -12,9 +12,10 @@ from lpvobs.discovery.evidence import fit_candidate
 from lpvobs.discovery.fit import fit
 from lpvobs.discovery.forms import Factor, Form, along_log, along_problem, in_words, parsed, without_variants
 from lpvobs.discovery.known_effects import term_on
+from lpvobs.discovery.map_prior import free_map
 from lpvobs.discovery.ranking import rank_in
 from lpvobs.discovery.refine import refine
-from lpvobs.discovery.residual import Term, free_map
+from lpvobs.discovery.residual import Term
 from lpvobs.errors import DataError
 
 UNITS = {"W_maf": "kg/s", "T_em": "K", "n_e": "rpm", "p_im": "Pa", "p_amb": "Pa", "T_oil": "K"}

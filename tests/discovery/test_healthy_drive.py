@@ -34,9 +34,10 @@ from lpvobs.discovery.imbalances import (
     scenes_with,
 )
 from lpvobs.discovery.likeliest import START, likeliest, likeliest_lengths, unlikely_lengths, usual_lengths
+from lpvobs.discovery.map_prior import MapPrior
 from lpvobs.discovery.ranking import chance_of_nothing, least_gain
 from lpvobs.discovery.refine import refine
-from lpvobs.discovery.residual import MapPrior, Term, lay_out
+from lpvobs.discovery.residual import Term, lay_out
 from lpvobs.discovery.select import _beside_itself
 from lpvobs.discovery.thresholds import PROVEN, TOLD
 from lpvobs.io.results.mapping import read, write

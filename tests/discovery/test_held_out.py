@@ -6,8 +6,8 @@ import numpy as np
 
 from lpvobs.discovery.fit import fit
 from lpvobs.discovery.held_out import compare, informed
+from lpvobs.discovery.map_prior import MapPrior
 from lpvobs.discovery.ranking import best_of
-from lpvobs.discovery.residual import MapPrior
 from lpvobs.discovery.thresholds import EVERY, GUARD, KNOWN
 
 

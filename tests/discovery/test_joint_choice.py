@@ -140,7 +140,12 @@ def test_an_effect_that_grows_varies_by_what_it_takes_of_what_healthy_drives_see
     clock, effect = np.linspace(0.0, 1.0, K), plant.effect("turbine.efficiency")
     ramp = TracedCourse("ramp", begin=0.2, end=0.7)
     share = np.clip((clock - 0.2) / 0.5, 0.0, 1.0)
-    problem = SimpleNamespace(clock=clock, seems=lambda _, information: information * size**2, share=lambda _: share)
+    problem = SimpleNamespace(
+        known_as=lambda _: ("maf.gain",),
+        clock=clock,
+        seems=lambda _, information: information * size**2,
+        share=lambda _: share,
+    )
     precision, begins, step = 40.0, Term(effect, 0.9, 0.5), (clock >= 0.5).astype(float)
     for along, seeming, term in ((share, np.ones(K), Term(effect, 0.9, course=ramp)), (step, step, begins)):
         alone = precision * along @ along

@@ -8,9 +8,10 @@ import pytest
 from lpvobs.discovery.courses import Curve
 from lpvobs.discovery.imbalances import scenes_with
 from lpvobs.discovery.known_effects import KnownEffect, Span, from_off, spans_of, term_on
+from lpvobs.discovery.map_prior import free_map
 from lpvobs.discovery.places import starts
 from lpvobs.discovery.refine import refine
-from lpvobs.discovery.residual import Term, free_map
+from lpvobs.discovery.residual import Term
 from lpvobs.errors import DataError
 
 STEP = KnownEffect(

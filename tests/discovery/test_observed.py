@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from lpvobs.discovery.known_effects import KnownEffect, Span
+from lpvobs.discovery.map_prior import free_map
 from lpvobs.discovery.observed import Refined, _innovations, added, corrected, observed
 from lpvobs.discovery.refine import refine
-from lpvobs.discovery.residual import free_map
 from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.observer.estimate import Point, estimate_default, of_parts
 from lpvobs.observer.parts import StateGain, inform_observed

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import scipy
 
+from lpvobs.discovery.map_prior import free_map
 from lpvobs.discovery.portrait import MOST_COLUMNS, MOST_POINTS, _spectrum, cross_correlations, portrait
 from lpvobs.discovery.refine import refine
-from lpvobs.discovery.residual import free_map
 from lpvobs.discovery.thresholds import LAGS
 from lpvobs.discovery.whiteness import leftover, structure
 

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lpvobs.discovery.map_prior import free_map, nominal_map
 from lpvobs.discovery.refine import refine
-from lpvobs.discovery.residual import free_map, lay_out, nominal_map
+from lpvobs.discovery.residual import lay_out
 from lpvobs.engines.diesel.effects import diesel_model
 from lpvobs.engines.residual_model import DayToDay
 from lpvobs.errors import DataError, UsageError

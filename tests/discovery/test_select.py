@@ -14,9 +14,9 @@ from lpvobs.discovery.ranking import FAMILIES, chance, drives_needed, is_proven
 from lpvobs.discovery.thresholds import COST, LEAST_LENGTH, POOLED, SIGNIFICANT, SLIGHT
 
 
-def asked(gain, told=1.0, candidates=20, blocks=1, begin=-np.inf, uneven=1.0, size=1.0, **seeming):
+def asked(gain, told=1.0, candidates=20, blocks=1, begin=-np.inf, uneven=1.0, size=1.0, most=12, **seeming):
     """Return a candidate, and the problem where so many effects compete and healthy drives tell."""
-    problem = Asked(Seeming(**seeming), (1,), 1000.0, (None,) * candidates)
+    problem = Asked(Seeming(most=most, **seeming), (1,), 1000.0, (None,) * candidates)
     effect = SimpleNamespace(unusual=False, id=f"of {gain:g}", parameter="factor", null=0.0, size=1.0)
     term = SimpleNamespace(
         course=None, curve=None, begin=begin, end=np.inf, whole=np.isinf(begin), effect=effect, size=size
@@ -76,6 +76,7 @@ def test_so_many_healthy_drives_would_prove_what_few_do_not():
         (4, {"size": 0.9 * SLIGHT}),  # too slight for a fault
         (4, {"gain": 63.0, "uneven": 3.0}),  # as far from none, but of no single size
         (4, {"told": 0.2}),  # it would take more than an hour of drives
+        (4, {"most": 6}),  # of drives that are longer, an hour has fewer
         (1, {}),  # one drive does not tell how days differ
         (0, {}),
     ],

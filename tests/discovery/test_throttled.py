@@ -9,8 +9,9 @@ from reference import throttled_drive as truth
 from repository import LIU_ICE
 
 from lpvobs.discovery.imbalances import imbalances_at, scenes_with
+from lpvobs.discovery.map_prior import free_map, nominal_map
 from lpvobs.discovery.refine import refine
-from lpvobs.discovery.residual import Term, free_map, lay_out, nominal_map
+from lpvobs.discovery.residual import Term, lay_out
 from lpvobs.engines.effects import Signals
 from lpvobs.engines.throttled.balances import BALANCES, Imbalances
 from lpvobs.engines.throttled.effects import residual_model
