@@ -146,7 +146,7 @@ def quadratic() -> Iterator[CaseOutput]:
         yield row(where, "equation of the paper, calculated by hand", places[name], found, 5e-5, "kg/s")
 
 
-def published() -> Iterator[CaseOutput]:
+def published_gain() -> Iterator[CaseOutput]:
     """Yield the proof of the paper's own L of Eq. (38) on Table 1, and that the proof can fail."""
     config, _ = load_config(EXAMPLE)
     path, known = config.engine_path(), KNOWN["published"]
@@ -220,13 +220,8 @@ def loop() -> Iterator[CaseOutput]:
 
 
 CASES: dict[str, Case] = {
-    "units": units,
-    "interpolation": interpolation,
-    "quadratic": quadratic,
-    "published gain": published,
-    "default gain": default_gain,
-    "chain": chain,
-    "loop": loop,
+    case.__name__.replace("_", " "): case
+    for case in (units, interpolation, quadratic, published_gain, default_gain, chain, loop)
 }
 
 

@@ -81,7 +81,7 @@ def test_the_verb_prints_a_table_and_versions():
 def test_a_wrong_answer_is_exit_code_one():
     spoil = (
         "from dataclasses import replace; import lpvobs.selftest.cases as c\n"
-        "c.CASES = {'published gain': c.published}; c.PRINTED = replace(c.PRINTED, L=-c.PRINTED.L)"
+        "c.CASES = {'published gain': c.published_gain}; c.PRINTED = replace(c.PRINTED, L=-c.PRINTED.L)"
     )
     done = run("--json", before=spoil)
     assert done.returncode == 1, done.stderr
