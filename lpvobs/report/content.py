@@ -109,13 +109,12 @@ class ResultView:
 
 @dataclass(frozen=True)
 class CycleView:
-    """One log with the results that were made from it; without `drive` and estimates where the log was not given."""
+    """One log with the results that were made from it; without `drive` where the log was not given."""
 
     title: str
     results: tuple[ResultView, ...]
     printed: bool  # whether the paper prints an error for this cycle, and the log knows its own
     drive: Drive | None
-    estimates: tuple[Array, ...]  # (N,) [kg/s] of each result along the drive, NaN where the map is not estimated
 
 
 @dataclass(frozen=True)
@@ -146,13 +145,8 @@ class Report:
 
     def _cycle(self, digest: str, name: str) -> CycleView:
         made = [(view, log) for view in self.results for log in view.stored.logs if log.sha256 == digest]
-        views = tuple(view for view, _ in made)
         printed = any(log.metrics and paper_error(view.stored.air_path, name) is not None for view, log in made)
-        estimates: tuple[Array, ...] = ()
-        if (drive := self.drives.get(digest)) is not None:
-            maps = ((view.stored.grid, view.stored.theta) for view in views)
-            estimates = tuple(grid.interpolate(theta, drive.fuel, drive.speed) for grid, theta in maps)
-        return CycleView(cycle_title(name), views, printed, drive, estimates)
+        return CycleView(cycle_title(name), tuple(view for view, _ in made), printed, self.drives.get(digest))
 
     @property
     def best_fits(self) -> dict[tuple[str, str], ResidualFit]:
@@ -172,7 +166,7 @@ def load(paths: Sequence[Path]) -> Report:
             raise DataError(f"{path}: no such file; name result files, or logs from which these results were made")
     inner = [path for path in further if is_hdf5(path)]
     results = [read_result(path) for path in (first, *inner)]
-    logs = {digest: path for path in further if path not in inner for digest in [log_digest(path)]}
+    logs = {log_digest(path): path for path in further if path not in inner}
     discovered = [read_discovered(result.path) for result in results]
     names = distinct([result.path for result in results])
     drives = {digest: _drive(path, digest, results) for digest, path in logs.items()}

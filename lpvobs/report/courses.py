@@ -36,7 +36,8 @@ def traces(cycle: CycleView, drive: Drive) -> Iterator[TimeTrace]:
     """Yield flows and errors [g/s] of a log, and the map's two inputs."""
     flow, error = "mass air flow [g/s]", "sensor error [g/s]"
     several = len(cycle.results) > 1
-    known = [(view.name, estimate) for view, estimate in zip(cycle.results, cycle.estimates, strict=True)]
+    maps = ((view.name, view.stored.grid, view.stored.theta) for view in cycle.results)
+    known = [(name, grid.interpolate(theta, drive.fuel, drive.speed)) for name, grid, theta in maps]
     yield TimeTrace("reading", flow, False, GRAMS * drive.measured)
     for name, estimate in known:
         corrected = GRAMS * (drive.measured - estimate)

@@ -21,8 +21,9 @@ def drive(name="map", columns=20_000):
     seen = SimpleNamespace(
         time=time, measured=measured, true_flow=None, reference=None, fuel=20.0 + 0.0 * time, speed=time
     )
-    result = SimpleNamespace(name=name, axes=AXES)
-    return time, list(traces(SimpleNamespace(results=(result, result), estimates=(estimate, estimate)), seen))
+    stored = SimpleNamespace(grid=SimpleNamespace(interpolate=lambda *_: estimate), theta=None)
+    result = SimpleNamespace(name=name, axes=AXES, stored=stored)
+    return time, list(traces(SimpleNamespace(results=(result, result)), seen))
 
 
 def told(**of):
