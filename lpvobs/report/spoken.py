@@ -168,17 +168,12 @@ def _plain(name: str, parameter: Mapping[str, Any]) -> str:
 
 def _when(effect: Mapping[str, Any]) -> str:
     begin = "" if effect["onset"] is None else f" from {effect['onset']:.1f} s"
-    if "follows" in effect:
-        return _on_course(effect["course"], effect["follows"], begin)
-    return begin + ("" if effect["end"] is None else f" to {effect['end']:.1f} s")
-
-
-def _on_course(course: str, by: Mapping[str, Any], begin: str) -> str:
-    """Return in words how an effect is there that is more than from an onset to an end."""
-    if course == "intermittent":
+    if (by := effect.get("follows")) is None:
+        return begin + ("" if effect["end"] is None else f" to {effect['end']:.1f} s")
+    if effect["course"] == "intermittent":
         times = ", ".join(f"{max(a, 0.0):.0f} to {b:.0f} s" for a, b in by["intervals"][:MOST_TIMES])
         return f" in {len(by['intervals'])} intervals: {times}{', ...' if len(by['intervals']) > MOST_TIMES else ''}"
-    return PHRASES["course"][course].words.format(begin=begin or " from the start", **by)
+    return PHRASES["course"][effect["course"]].words.format(begin=begin or " from the start", **by)
 
 
 def _instead(effect: Mapping[str, Any]) -> str:
