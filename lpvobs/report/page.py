@@ -2,7 +2,7 @@
 
 import re
 from collections import defaultdict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -69,18 +69,11 @@ def fleet_page(name: str, fleet: StoredFleet) -> str:
         fuel=fuel,
         lines=_lines(fleet),
         types=list(zip(fleet.found.types, views, strict=True)),
-        changes=_by_vehicle(fleets.change_rows(fleet)),
-        effects=_by_vehicle(fleets.effect_rows(fleet)),
+        changes=fleets.change_rows(fleet)[1],
+        effects=fleets.effect_rows(fleet)[1],
         cells=cells,
         date=date_of,
     )
-
-
-def _by_vehicle(table: tables.Table) -> Mapping[str, list[list[str]]]:
-    found = defaultdict[str, list[list[str]]](list)
-    for row in table[1]:
-        found[row[0]].append(row)
-    return found
 
 
 def _lines(fleet: StoredFleet) -> dict[str, dict[str, Any]]:
