@@ -24,17 +24,12 @@ GROUPS = {"refine": "refinement", "trace": "trace"}
 class Discovered:
     """The outcome of one verb on one result."""
 
-    verb: str  # `refine` or `trace`
+    verb: str  # `refine`, by which the effects are part of the model, or `trace`
     content: Mapping[str, Any]  # the contract's JSON, `trace` without what comes after
     portrait: Portrait | None
     ranking: tuple[Ranked, ...]
     left: Leftover | None
     structure: Mapping[str, Whiteness]  # `before` and `after`
-
-    @property
-    def refined(self) -> bool:
-        """Whether the effects are part of the model."""
-        return self.verb == "refine"
 
 
 def read_discovered(path: Path) -> tuple[Discovered, ...]:
@@ -68,7 +63,7 @@ def sentence(found: Discovered) -> str:
             f"{grams(error['before'])} g/s rms. {where(found.left)}"
         )
     said, them = f"{logs}: {in_words(content['effects'])}.", "it" if len(content["effects"]) == 1 else "them"
-    if not found.refined:
+    if found.verb != "refine":
         return f"{said} Without {them} in the model, the held-out residual is {grams(error['before'])} g/s rms."
     low, high = error["ratio_ci90"]
     return (
