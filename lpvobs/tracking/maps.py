@@ -15,6 +15,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from lpvobs.maps.quadratic import NODES
+from lpvobs.observer.prior import swept
 from lpvobs.records import Array, Item
 from lpvobs.tracking.sums import MODES
 from lpvobs.tracking.timeline import CHANGE, Event, Fleetwide, Timeline, by_mode
@@ -23,8 +25,6 @@ SIZES = (0.0, 0.1, 0.3, 1.0, 3.0)
 """Over `CHANGE`, and over `NODE`: what is tried of how vehicles differ."""
 NODE, LEAST = 1e-3, 0.01
 """[kg/s] of a node by itself, and the least share of it: vehicles of a kind are never alike to a bit."""
-SWEEPS = 2
-NODES = ("node", "other_node")
 
 
 @dataclass(frozen=True)
@@ -90,18 +90,14 @@ def type_map(kind: str, maps: Sequence[OverTime], Phi: Array, prior: float) -> T
     """Return the map of a type from the last map of each of its vehicles."""
     pools = cache(partial(_Pool, maps, Phi, prior))
 
-    @cache
-    def pooled(level: float, shape: float, gain: float, node: float) -> tuple[Array, Array, float]:
-        return pools(NODE * max(node, LEAST)).with_modes(CHANGE * by_mode(level, shape, gain))
+    def pooled(level: float, shape: float, gain: float, node: float) -> tuple[Array, float, tuple[Array, Array, float]]:
+        d, own = CHANGE * by_mode(level, shape, gain), NODE * max(node, LEAST)
+        return d, own, pools(own).with_modes(d)
 
-    sizes = dict.fromkeys(("level", "shape", "gain", "node"), 1.0)
-    for _ in range(SWEEPS if len(maps) > 2 else 0):
-        for name in sizes:
-            sizes = max(({**sizes, name: size} for size in SIZES), key=lambda sizes: pooled(**sizes)[2])
-    information, right, _ = pooled(**sizes)
-    covariance = np.linalg.inv(information)
-    modes = Phi * (CHANGE * by_mode(sizes["level"], sizes["shape"], sizes["gain"]))
-    between = modes @ modes.T + (NODE * max(sizes["node"], LEAST)) ** 2 * np.eye(len(Phi))
+    sizes = swept([1.0] * 4, [SIZES] * 4 if len(maps) > 2 else (), lambda sizes: -pooled(*sizes)[2][2])
+    d, own, (information, right, _) = pooled(*sizes)
+    covariance, modes = np.linalg.inv(information), Phi * d
+    between = modes @ modes.T + own**2 * np.eye(len(Phi))
     return TypeMap(kind, np.asarray(covariance @ right), np.asarray(covariance), np.asarray(between))
 
 
