@@ -62,12 +62,11 @@ def _events(vehicle: Timeline, fleet: Fleetwide) -> tuple[Event, ...]:
     return events
 
 
-Moves = tuple[tuple[Event, ...], str, Array]
-"""Events that come first, and the kind of the last with the days on which it may be."""
+def _moves(events: Sequence[Event], free: Array) -> Iterator[tuple[tuple[Event, ...], str, Array]]:
+    """Yield what may be added: a trend, a step at any free day, a renewal at any free day with the trend that it ends.
 
-
-def _moves(events: Sequence[Event], free: Array) -> Iterator[Moves]:
-    """Yield what may be added: a trend, a step at any free day, a renewal at any free day with the trend that it ends."""
+    Each has the events that come first, and the kind of the last with the days on which it may be.
+    """
     before = () if any(each.kind == "trend" for each in events) else (Event("trend"),)
     if before:
         yield (), "trend", np.zeros(1)
