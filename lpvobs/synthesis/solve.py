@@ -35,7 +35,7 @@ def synthesise(problem: GainProblem, *, cascade: bool, decay: float = 0.0) -> Ga
     C_balanced = np.round(C * T / S[:, None], DIGITS)
     found = lmi.free_gain(A_balanced, C_balanced, problem.map_output, EPSILON**2, units.linked, cascade)
     if isinstance(found, str):
-        raise NotProven(_refusal(problem, f"no gain was found that can be proven ({found})"))
+        raise _refused(problem, f"no gain was found that can be proven ({found})")
     L = found.L * T[:, None] / S * rate + 0.0  # no negative zeros
     return _proven(problem, units, found, L, (EPSILON, EPSILON))
 
@@ -60,7 +60,7 @@ def certify_fixed_gain(problem: GainProblem, L: Array, epsilon: tuple[float, flo
     closed_balanced, C_2 = np.round(closed * T / T[:, None] / rate, DIGITS), np.round(C[:, m] * T / S[m], DIGITS)
     found = lmi.fixed_gain(closed_balanced, L_balanced, C_2, m, epsilon[0] * epsilon[1])
     if isinstance(found, str):
-        raise NotProven(_refusal(problem, f"no matrices P and Q were found that prove the given gain ({found})"))
+        raise _refused(problem, f"no matrices P and Q were found that prove the given gain ({found})")
     return _proven(problem, units, found, L, epsilon)
 
 
@@ -100,17 +100,15 @@ def _proven(
     P, Q = c * found.P / squares, 0.5 * c * units.rate * np.eye(len(squares)) / squares
     certificate = check(problem, L, P, Q, eps_1, eps_2)
     if not certificate.proven:
-        raise NotProven(
-            _refusal(problem, f"the solver's gain does not pass the check in exact arithmetic ({certificate.reason})")
-        )
+        raise _refused(problem, f"the solver's gain does not pass the check in exact arithmetic ({certificate.reason})")
     bound = state_bound(problem, L)
     if bound is not None and (reason := prove_bound(problem, L, bound)):
-        raise NotProven(_refusal(problem, reason))
+        raise _refused(problem, reason)
     return Gain(L, P, Q, eps_1, eps_2, problem.region, certificate, bound)
 
 
-def _refusal(problem: GainProblem, what: str) -> str:
-    return (
+def _refused(problem: GainProblem, what: str) -> NotProven:
+    return NotProven(
         f"gain: {what} on the region {problem.region}; expected the matrix inequality Eq. (27) to hold at every vertex; "
         "in [gain], narrow the ranges, add a measured state to outputs, or exclude negative sums with nonnegative_sums"
     )
