@@ -101,14 +101,16 @@ def _component(name: str, unit: str, values: Array, errors: Array, before: float
     return ComponentOutput(component=name, unit=unit, largest=largest, standard_error=usual, before=before)
 
 
-def _fit(stored: StoredEngine, kind: str, left: float) -> RowsOutput:
+def flows_of(stored: StoredEngine, kind: str) -> Array:
+    """Return the reference of every row of a kind, what it is beyond the configured engine, and held out, shape (3, m) [kg/s]."""
     own = [row for row in stored.rows if row.kind == kind]
+    return np.array([[getattr(row, name) for row in own] for name in ("reference", "before", "held_out")])
 
-    def rms(name: str) -> float:
-        return float(np.sqrt(np.nanmean([getattr(row, name) ** 2 for row in own])))
 
-    before, held_out = rms("before") / rms("reference"), rms("held_out") / rms("reference")
-    return RowsOutput(kind=kind, rows=len(own), configured=before, held_out=held_out, left=left)
+def _fit(stored: StoredEngine, kind: str, left: float) -> RowsOutput:
+    flows = flows_of(stored, kind)
+    flow, before, held_out = np.sqrt(np.nanmean(flows**2, axis=1)).tolist()
+    return RowsOutput(kind=kind, rows=flows.shape[1], configured=before / flow, held_out=held_out / flow, left=left)
 
 
 def calibration_tables(found: CalibrateOutput) -> list[Table]:

@@ -22,6 +22,7 @@ from lpvobs.io.results.engines import ComponentPoint, StoredEngine
 from lpvobs.maps.excitation import Plan
 from lpvobs.records import Array
 from lpvobs.report.content import Drive, SurfaceView
+from lpvobs.report.engines import flows_of
 from lpvobs.report.svg import INK, TIP, drawn
 
 TRUTH, ESTIMATE, READING = INK, "#2f7fc1", "#c4621a"
@@ -233,10 +234,7 @@ def _value(value: float, digits: int) -> str:
 @drawn(3.0)
 def residuals(figure: Figure, stored: StoredEngine, kind: str) -> None:
     """Draw what the configured engine and all other points leave of a flow, over that flow."""
-    own = [row for row in stored.rows if row.kind == kind]
-    flow, before, held_out = (
-        GRAMS * np.array([getattr(row, name) for row in own]) for name in ("reference", "before", "held_out")
-    )
+    flow, before, held_out = GRAMS * flows_of(stored, kind)
     axes = figure.subplots()
     axes.plot(flow, before, "o", markersize=3, color=READING, label="before")
     axes.plot(flow, held_out, "o", markersize=3, color=ESTIMATE, label="held out")
