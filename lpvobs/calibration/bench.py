@@ -56,8 +56,7 @@ def bench_table(air_path: AirPath, columns: Mapping[str, Array]) -> Table:
 
 def rows_of(air_path: AirPath, unknowns: Unknowns, tables: Sequence[Table]) -> Rows:
     """Return the rows of tables; `air_path` and `unknowns` are those at the point of linearisation."""
-    found: dict[str, list[Array]] = {name: [] for name in ("of", "point", "reference", "z", "error", "J", "shared")}
-    kinds: list[MeasuredPart] = []
+    kinds, found = list[MeasuredPart](), list[list[Array]]()
     first = 0
     for number, table in enumerate(tables):
         for kind in table.kinds:
@@ -76,12 +75,10 @@ def rows_of(air_path: AirPath, unknowns: Unknowns, tables: Sequence[Table]) -> R
                 on &= np.any([table.columns[name] != value for name, value in kind.without.items()], axis=0)
             of, point = np.full(flow.size, len(kinds)), first + np.arange(flow.size)
             shared = np.outer(table.tolerance * reference, np.arange(len(tables)) == number)
-            values = (of, point, reference, reference - flow, error, J, shared)
-            for name, value in zip(found, values, strict=True):
-                found[name].append(value[on])
+            found.append([value[on] for value in (of, point, reference, reference - flow, error, shared, J)])
             kinds.append(kind)
         first += flow.size
-    return Rows(tuple(kinds), **{name: np.concatenate(values) for name, values in found.items()})
+    return Rows(tuple(kinds), *map(np.concatenate, zip(*found, strict=True)))
 
 
 def _flow(air_path: AirPath, unknowns: Unknowns, table: Table, balance: int) -> tuple[Array, Array]:
