@@ -100,11 +100,10 @@ def fit(
     refuse_too_few(X)
     Sigma = covariance[np.ix_(chosen, chosen)]
     own_noise = Sigma if noise is None else noise[np.ix_(chosen, chosen)]
-    lack = 0.0
+    lack, A = 0.0, _fit_operator(X, np.diag(Sigma))
     for _ in range(LACK_PASSES):
-        A = _fit_operator(X, np.diag(Sigma) + lack)
         lack = _lack_of_fit(X, z, own_noise, A, np.diag(Sigma) + lack)
-    A = _fit_operator(X, np.diag(Sigma) + lack)
+        A = _fit_operator(X, np.diag(Sigma) + lack)
     c = A @ z
     cov = A @ (Sigma + lack * np.eye(z.size)) @ A.T
     back = to_raw(grid)
