@@ -45,9 +45,9 @@ def residual_course(figure: Figure, track: Track, balances: Sequence[str], found
 
 def _mark_judged(axes: Axes, track: Track) -> None:
     """Shade what the error before and after is judged on, where that is not all."""
-    if track.judged.all() or not track.judged.any():
+    if track.judged.all():
         return
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], track.judged, [False]]).astype(int)))
+    edges = np.flatnonzero(np.diff(track.judged, prepend=False, append=False))
     for number, (begin, end) in enumerate(edges.reshape(-1, 2)):
         last = min(int(end), track.time.size - 1)
         label = "held out" if number == 0 else None
