@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import typer
 
@@ -38,21 +38,12 @@ def guarded(verb: Callable[..., None]) -> Callable[..., None]:
             verb(*args, **kwargs)
         except typer.Exit:
             raise
-        except Stopped as stop:
-            fail(str(stop), stop.exit_code)
-        except Exception as error:
-            if (signal := received()) is not None:  # whatever has come of it on the way
+        except (Stopped, Exception) as error:
+            if (signal := received()) is not None:
                 ignore_signals()  # one line, not a second one when it is repeated
-                fail(str(signal), signal.exit_code)
-            if isinstance(error, LpvobsError):
-                fail(str(error), error.exit_code)
-            if isinstance(error, OSError) and (remedy := REMEDIES.get(error.errno or 0)):
-                what = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
-                fail(f"{what}; no file was changed; {remedy}, then run again", DataError.exit_code)
-            if os.environ.get("LPVOBS_DEBUG"):
-                raise
-            fault = f"a fault of the program ({type(error).__name__}: {error})"  # nobody foresaw it
-            fail(f"{fault}; run again with LPVOBS_DEBUG=1 to see where in the code, and report the fault", 4)
+            message, code = _told(signal or error)  # a signal comes first, whatever has come of it on the way
+            say("lpvobs: " + " ".join(message.split()))
+            raise typer.Exit(code) from None
 
     return run
 
@@ -75,10 +66,17 @@ def _expect_surroundings() -> None:
         )
 
 
-def fail(message: str, code: int) -> NoReturn:
-    """Print one line to stderr and leave with the exit code."""
-    say("lpvobs: " + " ".join(message.split()))
-    raise typer.Exit(code)
+def _told(error: BaseException) -> tuple[str, int]:
+    """Return what to say of a failure, and the exit code; raise again what nobody foresaw if LPVOBS_DEBUG is set."""
+    if isinstance(error, (Stopped, LpvobsError)):
+        return str(error), error.exit_code
+    if isinstance(error, OSError) and (remedy := REMEDIES.get(error.errno or 0)):
+        what = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+        return f"{what}; no file was changed; {remedy}, then run again", DataError.exit_code
+    if os.environ.get("LPVOBS_DEBUG"):
+        raise error
+    fault = f"a fault of the program ({type(error).__name__}: {error})"
+    return f"{fault}; run again with LPVOBS_DEBUG=1 to see where in the code, and report the fault", 4
 
 
 def chosen_config(given: Path | None) -> Path:
