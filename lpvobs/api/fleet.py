@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from functools import partial, reduce
 from operator import add
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import Generic
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from lpvobs.api.doubts import Doubting, Doubts
 from lpvobs.api.files import Progress, refuse_copies, within
 from lpvobs.api.groups import Together, by_group, differences, together
-from lpvobs.api.jobs import Workers
+from lpvobs.api.jobs import Result, Task, Workers
 from lpvobs.api.known_engine import KnownEngine
 from lpvobs.engines import base, channels
 from lpvobs.errors import DataError
@@ -34,9 +34,6 @@ from lpvobs.observer.information import Solution
 from lpvobs.observer.log_run import Beginning
 from lpvobs.observer.parts import LogInformation, StateGain, inform
 from lpvobs.records import Array, Recording
-
-Task = TypeVar("Task")
-Result = TypeVar("Result")
 
 OPENING, OPENING_SECONDS = 4, 1800.0
 """Logs, first by name, and [s] of each, that show where the engine is linearised: they are gone through more than once."""

@@ -5,12 +5,11 @@ Groups are the same however many processes take part, and are added in the order
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lpvobs.api.jobs import Workers
+from lpvobs.api.jobs import Result, Workers
 from lpvobs.io.results.parts import StoredPart
 from lpvobs.maps.grid import Grid
 from lpvobs.observer.balance_agreement import BalanceSums
@@ -23,7 +22,6 @@ from lpvobs.observer.windows import Moments
 from lpvobs.records import Additive
 
 TOGETHER = 25  # logs in a group
-Result = TypeVar("Result")
 
 
 @dataclass(frozen=True, eq=False)
