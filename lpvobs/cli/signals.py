@@ -2,6 +2,7 @@
 
 import signal
 import sys
+from traceback import walk_stack
 from types import FrameType
 
 WORDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
@@ -50,13 +51,10 @@ def _again(lost: "sys.UnraisableHookArgs") -> None:
 
 def _late(alarm: int, frame: FrameType | None) -> None:
     """Stop, unless the moment was too short and the exception would be lost once more."""
-    above = frame
-    while above is not None:
-        if above.f_code is _again.__code__:
-            signal.setitimer(signal.ITIMER_REAL, MOMENT)
-            return
-        above = above.f_back
-    _stop(_received[0].number, frame)
+    if any(above.f_code is _again.__code__ for above, _ in walk_stack(frame)):
+        signal.setitimer(signal.ITIMER_REAL, MOMENT)
+    else:
+        _stop(_received[0].number, frame)
 
 
 def ignore_signals() -> None:
