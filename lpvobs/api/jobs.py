@@ -153,13 +153,9 @@ def _on_cluster(function: Callable[[Task], Result], tasks: Sequence[Task], addre
 def _through(client: Any, function: Callable[[Task], Result], left: dict[int, Task]) -> Numbered[Result]:
     from distributed.scheduler import KilledWorker
 
-    pool = client.get_executor(pure=False, retries=RETRIES)
-
-    def ahead() -> int:
-        return AHEAD * max(sum(map(int, client.nthreads().values())), 1)
-
+    submitted = partial(client.get_executor(pure=False, retries=RETRIES).submit, function)
     try:
-        yield from _side_by_side(partial(pool.submit, function), list(left.items()), ahead)
+        yield from _side_by_side(submitted, [*left.items()], lambda: AHEAD * max(sum(client.nthreads().values()), 1))
     except KilledWorker:
         raise DataError(
             "several workers died on the same log, perhaps for lack of memory; give the workers more memory and run again; "
