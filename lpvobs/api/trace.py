@@ -161,12 +161,8 @@ def close(
 ) -> Closed:
     """Return what logs hold that the model of a result lacks.
 
-    The error alone is judged on the logs of `judge`; a log that cannot be used is left out and named. None for `freeze_map`:
-    the map stands on logs that did not make it, and is estimated jointly on those that did. `anew` is whether a map would be
-    made that replaces the stored one, `calibrated` an engine to start from in place of the one that the result was made with.
-
-    Raises DataError if the result cannot be used, or no log can; UsageError if some of the logs made the map, others did not,
-    and nothing says what holds, or if a log is there twice.
+    The error alone is judged on the logs of `judge`; a log that cannot be used is left out and named. `anew` is whether a map
+    would be made that replaces the stored one; `calibrated` is the `engine` of `trace`, which raises the same.
     """
     refuse_copies([*learn, *judge])
     stored = results.read_result(path)
