@@ -1,7 +1,7 @@
 """`report`: results or a calibrated engine, and the logs that belong to them, as tables, page and verdicts on gates."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -112,13 +112,10 @@ def _mean_over(name: str, path: Path, region: Mapping[str, tuple[float, float]])
 
 def kind_of(path: Path) -> str:
     """Return what kind of file it says it is, such as result, engine or fleet; nothing where it does not say."""
-    if not path.is_file() or not hdf.is_hdf5(path):
-        return ""
-    try:
-        with h5py.File(path, "r") as file:
+    if path.is_file() and hdf.is_hdf5(path):
+        with suppress(OSError), h5py.File(path, "r") as file:  # of a damaged one, whoever reads it says so
             return str(file.attrs.get("schema", "")).partition("/")[2].partition("/")[0]
-    except OSError:  # damaged, which whoever reads it says
-        return ""
+    return ""
 
 
 def report_fleet(fleet: File, *, html: File | None = None) -> fleets.StoredFleet:
