@@ -25,7 +25,7 @@ from lpvobs.observer import disagreement, rivals
 from lpvobs.observer.balance_agreement import BalanceAgreement, Watched, judged
 from lpvobs.observer.estimate import MapEstimate
 from lpvobs.observer.information import AlongFlow
-from lpvobs.observer.parts import StateGain
+from lpvobs.observer.parts import StateGain, operating_point
 from lpvobs.observer.settings import CONSTANTS
 from lpvobs.records import Log
 from lpvobs.report import outputs, spoken
@@ -234,5 +234,4 @@ def metrics_of(air_path: AirPath, estimate: MapEstimate, path: Path, log: Log) -
     references = reading.read_references(path, log.rows)
     if references is None:
         return None
-    fuel, speed = air_path.axes
-    return compare(estimate.grid, estimate.theta, log[fuel.channel], log[speed.channel], references["ref_delta_W_c"])
+    return compare(estimate.grid, estimate.theta, *operating_point(air_path, log), references["ref_delta_W_c"])
