@@ -5,13 +5,12 @@ from pathlib import Path
 
 from lpvobs.api.files import File, as_path, expect_one_of, write_text, writing
 from lpvobs.api.known_engine import stored_config
-from lpvobs.engines.registry import ENGINES
 from lpvobs.errors import UsageError
 from lpvobs.io.calibration import dcm, files
 from lpvobs.io.calibration.a2l import read_a2l_map
 from lpvobs.io.calibration.files import Change
 from lpvobs.io.logs.units import canonical
-from lpvobs.io.results import hdf, results, surfaces
+from lpvobs.io.results import results, surfaces
 from lpvobs.io.safety.atomic import file_digest
 
 FORMATS = ("dcm", "cdfx", "csv", "netcdf", "lab")
@@ -82,9 +81,8 @@ def export(
     with writing(out, [result, before, described]) as target:
         path = as_path(result)
         if file_format == "lab":
-            with hdf.reading(path, results.KIND, results.REMEDY) as file:
-                engine = ENGINES[str(file.attrs["air_path"])]
-            write_text(target, files.lab_text([name], [*engine.air_path.channels]), encoding=dcm.ENCODING)
+            air_path = stored_config(path, results.KIND, results.REMEDY).engine_path()
+            write_text(target, files.lab_text([name], [*air_path.channels]), encoding=dcm.ENCODING)
             return Exported(surfaces.read_surface(path, values), None, 0.0)
         most = widest * surfaces.mean_flow(path)
         surface = surfaces.read_surface(path, values)
