@@ -3,8 +3,6 @@
 import json
 from typing import Any
 
-import numpy as np
-
 from lpvobs.api.files import File, Files, as_path, some, write_text, writing
 from lpvobs.ingest import drafting, foreign, profiles, record
 from lpvobs.io.logs import origins, parquet
@@ -30,8 +28,7 @@ def ingest_log(
     paths, origin = some(sources, "recording"), origins.own_origin(vehicle, date, "")
     with writing(out, [*paths, profile]) as target:
         rules, by = profiles.load_profile(str(profile))
-        with np.errstate(over="ignore", invalid="ignore"):  # what overflows is no value
-            made = foreign.ingest(paths, rules, by)
+        made = foreign.ingest(paths, rules, by)
         parquet.write_log(target, made.channels, made.units, {record.KEY: json.dumps(made.record)} | origin)
     return dict(made.record)
 

@@ -28,6 +28,7 @@ class Ingested:
     record: Mapping[str, Any]  # an `IngestRecord` as plain data; stored with the log
 
 
+@np.errstate(over="ignore", invalid="ignore")  # what overflows is no value
 def ingest(sources: Sequence[Path], profile: profiles.Profile, by: ProfileDone = NAMELESS) -> Ingested:
     """Return the log in foreign files of one drive and one clock: different channels, consecutive parts, or both.
 
