@@ -123,6 +123,7 @@ def estimate(
             raise UsageError(f"--method {method}: this method always uses the configured engine; drop --engine")
         before = known_engine.engine_before(configuration, paths, engine)
         stored = gain_for(configuration, paths, gain, method, before.air_path)
+        files.refuse_copies(paths)
         if method == "observer":
             done = fleet.estimate_fleet(before, text, stored.state, paths, target, workers, told)
         else:
@@ -169,7 +170,6 @@ def _one_after_another(
     before: known_engine.KnownEngine, gain: StateGain, paths: Sequence[Path], method: str, progress: files.Progress
 ) -> fleet.Estimated:
     """Estimate by a method that goes through the logs in turn, the map of one being the start of the next."""
-    files.refuse_copies(paths)
     config, air_path, settings, grid = before.config, before.air_path, before.config.estimate, before.config.grid()
     logs, refused = files.usable(paths, partial(reading.read_log, channels=air_path.channels, policies=config.reading))
     names = finding.log_names(paths)

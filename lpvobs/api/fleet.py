@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lpvobs.api.doubts import Doubting, Doubts
-from lpvobs.api.files import Progress, refuse_copies, within
+from lpvobs.api.files import Progress, within
 from lpvobs.api.groups import Together, by_group, differences, together
 from lpvobs.api.jobs import Result, Task, Workers
 from lpvobs.api.known_engine import KnownEngine
@@ -110,9 +110,8 @@ def estimate_fleet(
     """Return the map of all logs that can be used.
 
     Parts of several logs wait beside `out`, for a run with the same configuration. The engine has what it learned from the logs.
-    Raises UsageError for two logs of the same bytes; DataError if no log can be used, or they inform no node.
+    Raises DataError if no log can be used, or they inform no node.
     """
-    refuse_copies(paths)
     config, air_path = before.config, before.air_path
     grid, names = config.grid(), finding.log_names(paths)
     several = len(paths) > 1  # a single log leaves nothing to go on with: its part ends with the run
