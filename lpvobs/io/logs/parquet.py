@@ -33,7 +33,6 @@ MOST_COLUMNS = 10_000
 MOST_READINGS = 50_000_000
 """Rows times channels that are held in memory at once; a small file can claim any number of rows."""
 REFERENCES = {"ref_W_c": "kg/s", "ref_delta_W_c": "kg/s"}  # what only a simulated log knows
-BATCH = 1 << 16  # rows that are decoded at a time
 MOST_FOOTER = 64 * 2**20
 """[bytes] of a Parquet file's own description; a log of a hundred channels and a thousand hours has less."""
 TAIL = 1 << 16
@@ -202,18 +201,8 @@ def tables_of(path: Path, columns: list[str], most: int, threads: bool = True) -
                 yield file.read(columns=columns, use_threads=threads)
                 return
             slab = -(-rows // -(-rows // most))  # as even as can be: no small one at the end to be judged by itself
-            held: list[pa.RecordBatch] = []
-            count = 0
-            for batch in file.iter_batches(batch_size=BATCH, columns=columns, use_threads=threads):
-                held.append(batch)
-                count += batch.num_rows
-                while count >= slab:
-                    table = pa.Table.from_batches(held)
-                    yield table.slice(0, slab)
-                    held = table.slice(slab).to_batches()
-                    count -= slab
-            if held:
-                yield pa.Table.from_batches(held)
+            for batch in file.iter_batches(batch_size=slab, columns=columns, use_threads=threads):
+                yield pa.Table.from_batches([batch])
     except (pa.ArrowException, OSError, ValueError) as error:
         raise unreadable(path, error) from None
 

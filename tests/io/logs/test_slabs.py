@@ -7,7 +7,7 @@ import pytest
 
 from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.errors import DataError, UsageError
-from lpvobs.io.logs import parquet, reading
+from lpvobs.io.logs import reading
 from lpvobs.io.logs.finding import find_logs
 from lpvobs.io.logs.policies import LogPolicies
 from lpvobs.io.logs.reading import LogFile, read_log, references
@@ -17,9 +17,8 @@ UNITS = {"time": "s"} | {name: channel.unit for name, channel in Diesel.channels
 
 @pytest.fixture(params=[50, 64, 200, 1000])
 def slab(request, monkeypatch):
-    """Cut logs of 200 rows into slabs of this many; batches do not fit them."""
+    """Cut logs of 200 rows into slabs of this many."""
     monkeypatch.setattr(reading, "SLAB", request.param)
-    monkeypatch.setattr(parquet, "BATCH", 11)
     return request.param
 
 
