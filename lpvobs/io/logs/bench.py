@@ -193,7 +193,12 @@ def named_file(text: str, air_path: base.AirPath) -> tuple[str, Path, str]:
 def read_component_map(kind: str, path: Path, label: str, air_path: base.AirPath) -> Table:
     """Return the points of a table; raises DataError for one that lacks a column or cannot be of this engine."""
     known = air_path.component_maps[kind]
-    columns, tolerance = _from_dcm(path, label, known) if label else _from_table(path, known)
+    columns, form = _from_dcm(path, label, known) if label else _from_table(path, known)
+    for name, values in columns.items():
+        for number, value in enumerate(values.tolist(), 1):
+            if complaint := form[name].complaint(value):  # with what was probably meant
+                raise DataError(f"{path}: column {name}, point {number}: {complaint}")
+    tolerance = float(columns.pop(TOLERANCE, [known.tolerance])[0])
     count = next(iter(columns.values())).size
     if not LEAST_IN_MAP <= count <= MOST_IN_MAP:
         raise DataError(
@@ -205,8 +210,8 @@ def read_component_map(kind: str, path: Path, label: str, air_path: base.AirPath
     return table
 
 
-def _from_table(path: Path, known: ComponentMap) -> tuple[dict[str, Array], float]:
-    """Return the columns of the first form of which the file has the first one, and what it says of its tolerance."""
+def _from_table(path: Path, known: ComponentMap) -> tuple[dict[str, Array], Mapping[str, Within]]:
+    """Return the columns of the first form of which the file has the first one, with its tolerance, and what may stand in each."""
     names = dict.fromkeys([name for form in known.forms for name in form] + [TOLERANCE])
     found = columns_in(path, list(names))
     forms = [form for form in known.forms if next(iter(form)) in found.column_names]
@@ -224,14 +229,11 @@ def _from_table(path: Path, known: ComponentMap) -> tuple[dict[str, Array], floa
                 f"or as a line '# {name} = VALUE {within.unit}' above the column names"
             )
     form = {**forms[0], TOLERANCE: Within(1e-4, 0.5, "1", "tolerance of a table")}
-    columns = {
-        name: column_of(path, found, name, within.unit) for name, within in form.items() if name in found.column_names
-    }
-    _refuse_outside(path, columns, form)
-    return columns, float(columns.pop(TOLERANCE, [known.tolerance])[0])
+    there = {name: within.unit for name, within in form.items() if name in found.column_names}
+    return {name: column_of(path, found, name, unit) for name, unit in there.items()}, form
 
 
-def _from_dcm(path: Path, label: str, known: ComponentMap) -> tuple[dict[str, Array], float]:
+def _from_dcm(path: Path, label: str, known: ComponentMap) -> tuple[dict[str, Array], Mapping[str, Within]]:
     """Return the columns of a map whose axes and values have the units of three of the columns, the last of them the values."""
     names, (x, y, values) = list(known.forms[0]), (within.unit for within in known.forms[0].values())
     try:
@@ -242,17 +244,8 @@ def _from_dcm(path: Path, label: str, known: ComponentMap) -> tuple[dict[str, Ar
             f"{path}: map '{label}' has {error}; expected {wanted}; correct the units in the file"
         ) from None
     along_y, along_x = np.meshgrid(item.y, item.x)
-    columns = dict(zip(names, (along_x.ravel(), along_y.ravel(), item.values.T.ravel()), strict=True))
-    _refuse_outside(path, columns, known.forms[0])
-    return columns, known.tolerance
-
-
-def _refuse_outside(path: Path, columns: Mapping[str, Array], forms: Mapping[str, Within]) -> None:
-    """Raise for a value that cannot be, with what was probably meant."""
-    for name, values in columns.items():
-        for number, value in enumerate(values.tolist(), 1):
-            if complaint := forms[name].complaint(value):
-                raise DataError(f"{path}: column {name}, point {number}: {complaint}")
+    columns = zip(names, (along_x.ravel(), along_y.ravel(), item.values.T.ravel()), strict=True)
+    return dict(columns), known.forms[0]
 
 
 def write_table(path: Path, columns: Mapping[str, Array], units: Mapping[str, str]) -> None:
