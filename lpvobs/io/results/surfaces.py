@@ -238,10 +238,6 @@ def onto(surface: Surface, x: Array, y: Array) -> Surface:
 def keep_old(surface: Surface, old: Array | None, only_estimated: bool) -> Surface:
     """Return the surface with old values, (p2, p1) or none, where it has none; if asked, also where it is not estimated."""
     kept = surface.origin != ESTIMATED if only_estimated else np.isin(surface.origin, (NONE, LEFT_OUT))
-    empty = np.where(surface.origin == LEFT_OUT, LEFT_OUT, NONE)
-    return replace(
-        surface,
-        values=np.where(kept, np.nan if old is None else old, surface.values),
-        standard_error=np.where(kept, np.nan, surface.standard_error),
-        origin=np.where(kept, empty if old is None else OLD, surface.origin).astype(np.int8),
-    )
+    if old is None:
+        return surface.without(kept & (surface.origin != LEFT_OUT), NONE)
+    return replace(surface.without(kept, OLD), values=np.where(kept, old, surface.values))
