@@ -48,13 +48,10 @@ class DcmMap:
     y_name: str = ""  # the same
     kept: tuple[str, ...] = ()  # further lines as they are, see KEPT
 
-    def turned(self) -> "DcmMap":
-        """Return the same map with X and Y exchanged."""
-        return replace(self, x=self.y, y=self.x, values=self.values.T, unit_x=self.unit_y, unit_y=self.unit_x)
-
     def in_units(self, x: str, y: str, values: str) -> tuple["DcmMap", bool]:
         """Return the map in these units, and whether it was turned for them; raises ValueError where its own do not convert."""
-        for item, turned in ((self, False), (self.turned(), True)):
+        other = replace(self, x=self.y, y=self.x, values=self.values.T, unit_x=self.unit_y, unit_y=self.unit_x)
+        for item, turned in ((self, False), (other, True)):
             with suppress(ValueError):
                 nodes = convert(item.x, item.unit_x or "1", x), convert(item.y, item.unit_y or "1", y)
                 return DcmMap(self.name, self.kind, *nodes, convert(item.values, item.unit or "1", values)), turned
