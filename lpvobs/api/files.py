@@ -10,7 +10,7 @@ from typing import Any, TypeAlias, TypeVar
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.logs.finding import find_logs
 from lpvobs.io.logs.parquet import log_digest
-from lpvobs.io.safety.atomic import claimed, is_same, replacing
+from lpvobs.io.safety.atomic import claimed, replacing
 
 File: TypeAlias = str | os.PathLike[str]
 Files: TypeAlias = File | Iterable[File]
@@ -73,9 +73,12 @@ def expect_one_of(option: str, value: str, known: Collection[str]) -> None:
 def writing(out: File, read: Iterable[File | None]) -> Iterator[Path]:
     """Yield the file to write, which nobody else writes meanwhile; raise UsageError if it is one of those that are read."""
     path = as_path(out)
-    for file in read:
-        if file is not None and is_same(path, as_path(file)):
-            raise UsageError(f"{path}: this file is also an input and would be overwritten; name another file to write")
+    for file in (as_path(each) for each in read if each is not None):
+        with suppress(OSError, ValueError):  # what is not there is no file
+            if path.samefile(file):  # by whatever links
+                raise UsageError(
+                    f"{path}: this file is also an input and would be overwritten; name another file to write"
+                )
     with claimed(path):
         yield path
 

@@ -79,14 +79,6 @@ def claimed(target: Path) -> Iterator[Path]:
         os.close(handle)
 
 
-def is_same(target: Path, other: Path) -> bool:
-    """Return whether two paths lead to one file, by whatever links; what is not there is no file."""
-    try:
-        return target.samefile(other)
-    except (OSError, ValueError):
-        return False
-
-
 def _locked(lock: Path) -> int:
     """Return an open, locked file that is still the one under this name: the last owner removes it before it lets go."""
     while True:
