@@ -25,7 +25,7 @@ from common import CONFIG, configuration, markdown, publish
 from fleet_drives import A_MONTH, FIRST, KINDS, MONTH, MONTHS, SHORT, VEHICLES, Vehicle, cut, fleet, record, surface_of
 
 import lpvobs
-from lpvobs.io.logs.origins import EPOCH, date_of
+from lpvobs.io.logs.finding import EPOCH, date_of
 from lpvobs.io.results.fleets import FleetSums, StoredFleet, read_fleet
 from lpvobs.io.results.parts import PartsFolder
 from lpvobs.io.safety.atomic import replacing

@@ -5,7 +5,7 @@ from typing import Any
 
 from lpvobs.api.files import File, Files, as_path, some, write_text, writing
 from lpvobs.ingest import drafting, foreign, profiles, record
-from lpvobs.io.logs import origins, parquet
+from lpvobs.io.logs import finding, parquet
 from lpvobs.kinds import Output
 
 
@@ -25,7 +25,7 @@ def ingest_log(
     vehicle, date : str, optional
         Whose log it is and when it was driven, such as 2025-01-31, kept in the log for `track`.
     """
-    paths, origin = some(sources, "recording"), origins.own_origin(vehicle, date, "")
+    paths, origin = some(sources, "recording"), finding.own_origin(vehicle, date, "")
     with writing(out, [*paths, profile]) as target:
         rules, by = profiles.load_profile(str(profile))
         made = foreign.ingest(paths, rules, by)

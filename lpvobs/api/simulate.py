@@ -7,7 +7,7 @@ from lpvobs.api.files import File, Progress, as_path, shown, writing
 from lpvobs.engines.registry import ENGINES
 from lpvobs.errors import UsageError
 from lpvobs.io.configuration.config import Config, Effects, load_config, load_effects
-from lpvobs.io.logs import bench, origins, parquet
+from lpvobs.io.logs import bench, finding, parquet
 from lpvobs.io.results.engines import read_engine
 from lpvobs.kinds import Count, Output, Seconds
 from lpvobs.simulation import simulate as plant
@@ -63,7 +63,7 @@ def simulate(
     """
     with writing(out, [config, cycle, effects, engine]) as target:
         configuration, parameters = plant_of(config, engine)
-        origin = origins.own_origin(vehicle, date, configuration.air_path)
+        origin = finding.own_origin(vehicle, date, configuration.air_path)
         wanted = Effects() if effects is None else load_effects(as_path(effects))
         log = plant.simulate(
             configuration.engine, parameters, cycle, rate, seed, wanted.surface, shown(progress),

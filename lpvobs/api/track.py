@@ -17,7 +17,6 @@ from lpvobs.api.jobs import Workers
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.configuration.config import Config, load_config
 from lpvobs.io.logs import finding, parquet, reading
-from lpvobs.io.logs.origins import PERIODS, day_of, origins_of
 from lpvobs.io.results.fleets import FleetSums, StoredFleet, dated, read_fleet, write_fleet, write_table
 from lpvobs.io.results.parts import PartsFolder, run_key
 from lpvobs.io.results.provenance import Provenance
@@ -116,7 +115,7 @@ def track(
     StoredFleet, TrackOutput
         The fleet as written, and the object that `lpvobs track --json` prints.
     """
-    files.expect_one_of("--every", every, PERIODS)
+    files.expect_one_of("--every", every, finding.PERIODS)
     configuration, text = load_config(as_path(config))
     found = finding.find_logs(as_paths(logs))
     refuse_copies(found)
@@ -137,7 +136,7 @@ def track(
         sums, reused = None if before is None else before.kept, 0
         known = frozenset(() if sums is None else (log.sha256 for log in sums.logs))
         fresh = [each for each in found if not (known and each.is_file() and parquet.log_digest(each) in known)]
-        told_by = origins_of(fresh, path, None if origins is None else as_path(origins))
+        told_by = finding.origins_of(fresh, path, None if origins is None else as_path(origins))
         belonging, refused = usable([*told_by], partial(_whose, by, configuration, told_by), one=False)
         if whose := sorted(belonging.values(), key=lambda each: (each.vehicle, each.day, each.path.as_posix())):
             state = estimate.gain_for(configuration, found, gain, "observer").state
@@ -213,7 +212,7 @@ def _whose(by: str, config: Config, origins: Mapping[Path, Mapping[str, str]], p
             f"{path}: the field '{by}' of this log is unknown; give --path or --origins, or store the vehicle in the "
             "log with `lpvobs ingest --vehicle NAME`"
         )
-    return _Whose(path, origin[by], origin.get("engine") or config.air_path, day_of(path, origin))
+    return _Whose(path, origin[by], origin.get("engine") or config.air_path, finding.day_of(path, origin))
 
 
 def _sums_of(task: PartTask, basis: Basis, its: _Whose) -> LogOutcome[KeptLog]:

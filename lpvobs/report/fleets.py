@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from lpvobs.io.logs.origins import date_of
+from lpvobs.io.logs.finding import date_of
 from lpvobs.io.results.fleets import StoredFleet
 from lpvobs.maps.joint import NORMAL_90
 from lpvobs.report.tables import Table, grams

@@ -11,7 +11,7 @@ from lpvobs import __version__
 from lpvobs.engines.base import MapAxis
 from lpvobs.engines.registry import ENGINES
 from lpvobs.io import templates
-from lpvobs.io.logs.origins import date_of
+from lpvobs.io.logs.finding import date_of
 from lpvobs.io.results.fleets import StoredFleet
 from lpvobs.maps.excitation import Plan, plan
 from lpvobs.report import courses, discovered, engines, figures, fleets, residual_figures, spoken, tables

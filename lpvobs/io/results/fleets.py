@@ -9,7 +9,7 @@ import numpy as np
 
 from lpvobs.errors import DataError
 from lpvobs.io.arrow import pa, pq
-from lpvobs.io.logs.origins import PERIODS, date_of
+from lpvobs.io.logs.finding import PERIODS, date_of
 from lpvobs.io.results import hdf, results, surfaces
 from lpvobs.io.results.mapping import fields, layout_of, read, read_if_there
 from lpvobs.io.results.provenance import Provenance, read_refused, write_refused
