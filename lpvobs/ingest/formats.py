@@ -12,7 +12,7 @@ import json
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -42,57 +42,53 @@ REMEDIES = {"MAT": "save it again in MATLAB with -v7 or -v7.3", "MDF": "record o
 """What to do with a file that the library cannot read."""
 
 
-@dataclass(frozen=True)
-class CsvRecording(ForeignRecording):
-    """A CSV file whose header has been read."""
+def _read_csv(
+    path: Path,
+    heads: Mapping[str, Head],
+    rules: SourceRules,
+    encoding: str,
+    notes: dict[str, str],
+    names: Sequence[str],
+) -> Mapping[str, Column]:
+    """Return columns as text, empty where the file has nothing; lines that were cut off are left out and noted."""
+    from pyarrow import csv as arrow
 
-    rules: SourceRules
-    encoding: str
+    head = max(rules.header_row, rules.unit_row)
+    lines, quotes, decodes = _survey(path, encoding)
+    recordings.check_samples(path, [lines] * len(names), 2.0 * path.stat().st_size)
+    decoding = encoding if decodes else ANY_BYTE
+    notes.update(_read_as(encoding, decoding))
+    broken: list[int] = []
 
-    def read(self, names: Sequence[str]) -> Mapping[str, Column]:
-        """Return columns as text, empty where the file has nothing; lines that were cut off are left out and noted."""
-        from pyarrow import csv as arrow
+    def skip(row: Any) -> str:
+        broken.append(row.actual_columns)
+        return "skip" if len(broken) < MOST_LISTED else "error"
 
-        head = max(self.rules.header_row, self.rules.unit_row)
-        lines, quotes, decodes = _survey(self.path, self.encoding)
-        recordings.check_samples(self.path, [lines] * len(names), 2.0 * self.path.stat().st_size)
-        encoding = self.encoding if decodes else ANY_BYTE
-        self.notes.update(_read_as(self.encoding, encoding))
-        broken: list[int] = []
-
-        def skip(row: Any) -> str:
-            broken.append(row.actual_columns)
-            return "skip" if len(broken) < MOST_LISTED else "error"
-
-        try:
-            # By name, Arrow opens no file whose name is not UTF-8.
-            with self.path.open("rb") as stream:
-                table = arrow.read_csv(
-                    stream,
-                    arrow.ReadOptions(
-                        use_threads=False, skip_rows=head, column_names=list(self.heads), encoding=encoding
-                    ),
-                    arrow.ParseOptions(delimiter=self.rules.delimiter, invalid_row_handler=skip),
-                    arrow.ConvertOptions(
-                        include_columns=names, column_types=dict.fromkeys(names, pa.string()), strings_can_be_null=False
-                    ),
-                )
-        except (pa.ArrowException, OSError, ValueError, LookupError) as error:
-            raise DataError(
-                f"{self.path}: not a readable CSV table ({recordings.one_line(error)}); check delimiter and encoding in the "
-                "profile's [source]"
-            ) from None
-        rows = table.num_rows + len(broken)
-        if broken and (self.rules.polled or (len(broken) > 1 and len(broken) > MOST_BROKEN * table.num_rows)):
-            raise DataError(
-                f"{self.path}: {len(broken)} of {rows} lines have a wrong number of fields (the first has "
-                f"{broken[0]} fields), expected {len(self.heads)}; check the delimiter, or export the file again"
+    text = dict.fromkeys(names, pa.string())
+    try:
+        with path.open("rb") as stream:  # by name, Arrow opens no file whose name is not UTF-8
+            table = arrow.read_csv(
+                stream,
+                arrow.ReadOptions(use_threads=False, skip_rows=head, column_names=list(heads), encoding=decoding),
+                arrow.ParseOptions(delimiter=rules.delimiter, invalid_row_handler=skip),
+                arrow.ConvertOptions(include_columns=names, column_types=text, strings_can_be_null=False),
             )
-        if broken:
-            self.notes["broken_lines"] = f"{len(broken)} lines with a wrong number of fields were left out"
-        if quotes:
-            _refuse_open_quote(self.path, rows, head)
-        return {name: Column(table.column(name)) for name in names}
+    except (pa.ArrowException, OSError, ValueError, LookupError) as error:
+        raise DataError(
+            f"{path}: not a readable CSV table ({recordings.one_line(error)}); check delimiter and encoding in the "
+            "profile's [source]"
+        ) from None
+    rows = table.num_rows + len(broken)
+    if broken and (rules.polled or (len(broken) > 1 and len(broken) > MOST_BROKEN * table.num_rows)):
+        raise DataError(
+            f"{path}: {len(broken)} of {rows} lines have a wrong number of fields (the first has "
+            f"{broken[0]} fields), expected {len(heads)}; check the delimiter, or export the file again"
+        )
+    if broken:
+        notes["broken_lines"] = f"{len(broken)} lines with a wrong number of fields were left out"
+    if quotes:
+        _refuse_open_quote(path, rows, head)
+    return {name: Column(table.column(name)) for name in names}
 
 
 def _survey(path: Path, encoding: str) -> tuple[int, bool, bool]:
@@ -126,7 +122,7 @@ def _refuse_open_quote(path: Path, rows: int, before: int) -> None:
         )
 
 
-def open_csv(path: Path, rules: SourceRules) -> CsvRecording:
+def open_csv(path: Path, rules: SourceRules) -> ForeignRecording:
     """Return a CSV file with the names and units of its header; nothing else of it has been read."""
     lines = _first_lines(path, max(rules.header_row, rules.unit_row))
     encoding, text = _decoded(path, lines, rules.encoding)
@@ -144,7 +140,8 @@ def open_csv(path: Path, rules: SourceRules) -> CsvRecording:
         while key in heads:
             key += "#"
         heads[key] = Head(bare, unit.strip().strip("[]") or inside)
-    return CsvRecording(path, heads, rules, encoding, notes=_read_as(rules.encoding, encoding))
+    notes = _read_as(rules.encoding, encoding)
+    return ForeignRecording(path, heads, partial(_read_csv, path, heads, rules, encoding, notes), notes)
 
 
 def _read_as(said: str, found: str) -> dict[str, str]:
@@ -179,25 +176,11 @@ def _fields(path: Path, lines: list[str], row: int, delimiter: str) -> list[str]
         raise DataError(f"{path}: line {row} is not a CSV header ({error}); check [source] in the profile") from None
 
 
-@dataclass(frozen=True)
-class ParquetRecording(ForeignRecording):
-    """A Parquet file whose schema has been read; `sizes` [bytes] is what each column takes when it is read."""
-
-    sizes: Mapping[str, int]
-
-    def read(self, names: Sequence[str]) -> Mapping[str, Column]:
-        """Return columns as they are stored."""
-        recordings.check_size(self.path, sum(self.sizes[name] + 8 * self.heads[name].size for name in names))
-        with _parquet(self.path) as file:
-            table = file.read(columns=list(names), use_threads=False)
-        return {name: Column(table.column(name)) for name in names}
-
-
-def open_parquet(path: Path, rules: SourceRules) -> ParquetRecording:
+def open_parquet(path: Path, rules: SourceRules) -> ForeignRecording:
     """Return a Parquet file with the names and units of its flat columns."""
     with _parquet(path) as file:
         schema, metadata = file.schema_arrow, file.metadata
-        sizes = Counter[str]()
+        sizes = Counter[str]()  # [bytes] of each column when it is read
         for number in range(metadata.num_row_groups):
             group = metadata.row_group(number)
             for chunk in map(group.column, range(group.num_columns)):
@@ -209,7 +192,15 @@ def open_parquet(path: Path, rules: SourceRules) -> ParquetRecording:
             said = item.metadata or {}
             stored = (said.get(b"unit") or said.get(b"units") or b"").decode(errors="replace").strip()
             heads[item.name] = Head(name, stored or inside, metadata.num_rows)
-    return ParquetRecording(path, heads, sizes)
+
+    def read(names: Sequence[str]) -> Mapping[str, Column]:
+        """Return columns as they are stored."""
+        recordings.check_size(path, sum(sizes[name] + 8 * heads[name].size for name in names))
+        with _parquet(path) as file:
+            table = file.read(columns=list(names), use_threads=False)
+        return {name: Column(table.column(name)) for name in names}
+
+    return ForeignRecording(path, heads, read)
 
 
 @contextmanager
@@ -223,28 +214,12 @@ def _parquet(path: Path) -> Iterator["pq.ParquetFile"]:
         ) from None
 
 
-@dataclass(frozen=True)
-class ApartRecording(ForeignRecording):
-    """A file that another process reads."""
-
-    kind: str
-
-    def read(self, names: Sequence[str]) -> Mapping[str, Column]:
-        """Return columns as they are stored; those of MDF in physical values, with their own stamps, empty where marked invalid."""
-        recordings.check_samples(self.path, [self.heads[name].size for name in names])
-        tables = _asked(self.path, self.kind, names, self.notes)
-        return {
-            name: Column(table["values"], table["time"].to_numpy() if table.num_columns > 1 else None)
-            for name, table in zip(names, tables, strict=True)
-        }
-
-
-def open_mat(path: Path, rules: SourceRules) -> ApartRecording:
+def open_mat(path: Path, rules: SourceRules) -> ForeignRecording:
     """Return a MAT file with the names, units and lengths of its numeric vectors; structures become dotted names."""
-    return _opened(path, "MAT")
+    return open_apart(path, "MAT")
 
 
-def open_mdf(path: Path, rules: SourceRules) -> ApartRecording:
+def open_mdf(path: Path, rules: SourceRules) -> ForeignRecording:
     """Return an MDF file with its channels; a name that several groups have is called group:name."""
     if find_spec("asammdf") is None:
         raise UsageError(
@@ -256,13 +231,23 @@ def open_mdf(path: Path, rules: SourceRules) -> ApartRecording:
         )
     if path.suffix.lower() in ARCHIVES:  # the library would take it for its own copy of an archive, and delete it
         raise DataError(f"{path}: is an MDF file, but its name ends like that of an archive; rename it to .mf4")
-    return _opened(path, "MDF")
+    return open_apart(path, "MDF")
 
 
-def _opened(path: Path, kind: str) -> ApartRecording:
+def open_apart(path: Path, kind: str) -> ForeignRecording:
+    """Return a file that another process reads."""
     notes: dict[str, str] = {}
     heads = {column.pop("full"): Head(**column) for column in _asked(path, kind, None, notes)}
-    return ApartRecording(path, heads, kind, notes=notes)
+
+    def read(names: Sequence[str]) -> Mapping[str, Column]:
+        """Return columns as they are stored; those of MDF in physical values, with their own stamps, empty where marked invalid."""
+        recordings.check_samples(path, [heads[name].size for name in names])
+        return {
+            name: Column(table["values"], table["time"].to_numpy() if table.num_columns > 1 else None)
+            for name, table in zip(names, _asked(path, kind, names, notes), strict=True)
+        }
+
+    return ForeignRecording(path, heads, read, notes)
 
 
 def _asked(path: Path, kind: str, wanted: Sequence[str] | None, notes: dict[str, str]) -> Iterator[Any]:

@@ -2,8 +2,7 @@
 
 import difflib
 import re
-from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -44,16 +43,13 @@ class Column:
 
 
 @dataclass(frozen=True)
-class ForeignRecording(ABC):
+class ForeignRecording:
     """An open foreign file: every column by the full name that tells it from all others, and what was mended to read it at all."""
 
     path: Path
     heads: Mapping[str, Head]
-    notes: dict[str, str] = field(default_factory=dict, kw_only=True)
-
-    @abstractmethod
-    def read(self, names: Sequence[str]) -> Mapping[str, Column]:
-        """Return the columns with these full names."""
+    read: Callable[[Sequence[str]], Mapping[str, Column]]  # the columns with these full names
+    notes: dict[str, str] = field(default_factory=dict)
 
 
 def find(recording: ForeignRecording, names: Iterable[str], what: str) -> str | None:
