@@ -195,7 +195,7 @@ def open_parquet(path: Path, rules: SourceRules) -> ForeignRecording:
 
     def read(names: Sequence[str]) -> Mapping[str, Column]:
         """Return columns as they are stored."""
-        recordings.check_size(path, sum(sizes[name] + 8 * heads[name].size for name in names))
+        recordings.check_size(f"{path}: reading it", sum(sizes[name] + 8 * heads[name].size for name in names))
         with _parquet(path) as file:
             table = file.read(columns=list(names), use_threads=False)
         return {name: Column(table.column(name)) for name in names}

@@ -109,16 +109,16 @@ def opened(path: Path) -> Iterator[IO[bytes]]:
 
 def check_samples(path: Path, sizes: Sequence[int], text: float = 0.0) -> None:
     """Refuse so many samples of each column, and so many bytes of text, if making a log of them would take too much memory."""
-    check_size(path, PER_SAMPLE * sum(sizes) + PER_ROW * max(sizes, default=0) + text)
+    check_size(f"{path}: reading it", PER_SAMPLE * sum(sizes) + PER_ROW * max(sizes, default=0) + text)
 
 
-def check_size(path: Path, needed: float) -> None:
+def check_size(
+    what: str, needed: float, remedy: str = "cut the recording into parts, or export fewer channels"
+) -> None:
     """Refuse what would take more memory than a source may."""
     if needed > MOST_BYTES:
-        raise DataError(
-            f"{path}: reading it would take {needed / 2**30:.3g} GiB, expected at most {MOST_BYTES / 2**30:.0f} GiB; "
-            f"cut the recording into parts, or export fewer channels"
-        )
+        most = f"{MOST_BYTES / 2**30:.0f} GiB"
+        raise DataError(f"{what} would take {needed / 2**30:.3g} GiB, expected at most {most}; {remedy}")
 
 
 def as_numbers(data: "pa.Array | pa.ChunkedArray", decimal: str = ".") -> tuple[Array, dict[str, int | str]]:

@@ -122,13 +122,11 @@ def on_raster(
         at = _common(samples)
     else:
         span = max(item.time[-1] for item in samples.values()) - min(item.time[0] for item in samples.values())
-        needed = 8.0 * (span * rate + 1) * (len(samples) + 1)
-        if needed > recordings.MOST_BYTES:
-            file = next(iter(samples.values())).done.file
-            raise DataError(
-                f"{file}: a log of {span:.6g} s at {rate:g} Hz would take {needed / 2**30:.3g} GiB, expected at most "
-                f"{recordings.MOST_BYTES / 2**30:.0f} GiB; check the unit of time, or lower rate in the profile's [raster]"
-            )
+        recordings.check_size(
+            f"{next(iter(samples.values())).done.file}: a log of {span:.6g} s at {rate:g} Hz",
+            8.0 * (span * rate + 1) * (len(samples) + 1),
+            "check the unit of time, or lower rate in the profile's [raster]",
+        )
         at = raster([item.time for item in samples.values()], rate, profile.raster.gap)
     values, done = {}, {}
     for name, item in samples.items():
