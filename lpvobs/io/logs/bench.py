@@ -74,8 +74,7 @@ def _read(path: Path, air_path: base.AirPath) -> dict[str, Array]:
     optional |= {part.column: "kg/s" for part in air_path.measured_parts}
     optional |= {name: item.unit for name, item in every.items() if item.one_of is not None}
     found = columns_in(path, [*needed, *optional])
-    for name, unit in needed.items():
-        expect(path, found.schema, name, unit)
+    expect(path, found.schema, needed)
     wanted = {name: unit for name, unit in {**needed, **optional}.items() if name in found.column_names}
     table = {name: column_of(path, found, name, unit) for name, unit in wanted.items()}
     for name, values in table.items():

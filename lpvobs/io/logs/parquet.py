@@ -10,7 +10,7 @@ import hashlib
 import io
 import re
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
 from types import SimpleNamespace
@@ -152,10 +152,8 @@ def metadata_of(path: Path) -> "pq.FileMetaData":
     """Return what a Parquet file says of itself, if that is not too much to be read."""
     if not path.is_file():
         raise DataError(f"{path}: no such log; name a Parquet file")
-    try:
+    with _readable(path):
         return pq.read_metadata(io.BytesIO(footer_of(path)))
-    except (pa.ArrowException, OSError, ValueError) as error:
-        raise unreadable(path, error) from None
 
 
 def schema_of(path: Path) -> "pa.Schema":
@@ -165,12 +163,10 @@ def schema_of(path: Path) -> "pa.Schema":
         raise DataError(
             f"{path}: has {metadata.num_columns} columns, expected at most {MOST_COLUMNS}; export only the channels of the engine"
         )
-    try:
+    with _readable(path):
         schema = metadata.schema.to_arrow_schema()
         schema.names  # noqa: B018 names that are not UTF-8 show here
         return schema
-    except (pa.ArrowException, OSError, ValueError) as error:
-        raise unreadable(path, error) from None
 
 
 def refuse_huge(path: Path, rows: int, columns: int) -> None:
@@ -182,29 +178,30 @@ def refuse_huge(path: Path, rows: int, columns: int) -> None:
         )
 
 
-def unreadable(path: Path, error: Exception) -> DataError:
-    """Return the refusal of a file that pyarrow cannot read, with its reason."""
-    with suppress(OSError), path.open("rb") as stream:
-        if stream.read(4) not in (b"PAR1", b"PARE", b""):
-            remedy = "`lpvobs profile` and then `lpvobs ingest` make a log of a CSV, MAT or MDF recording"
-            return DataError(f"{path}: not a Parquet file, but logs are Parquet files; {remedy}")
-    reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-    return DataError(f"{path}: not a readable Parquet log ({reason}); record or export it again")
+@contextmanager
+def _readable(path: Path) -> Iterator[None]:
+    """Raise DataError for a file that pyarrow cannot read, with its reason."""
+    try:
+        yield
+    except (pa.ArrowException, OSError, ValueError) as error:
+        with suppress(OSError), path.open("rb") as stream:
+            if stream.read(4) not in (b"PAR1", b"PARE", b""):
+                remedy = "`lpvobs profile` and then `lpvobs ingest` make a log of a CSV, MAT or MDF recording"
+                raise DataError(f"{path}: not a Parquet file, but logs are Parquet files; {remedy}") from None
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise DataError(f"{path}: not a readable Parquet log ({reason}); record or export it again") from None
 
 
 def tables_of(path: Path, columns: list[str], most: int, threads: bool = True) -> "Iterator[pa.Table]":
     """Yield the columns of a Parquet file as tables of at most so many rows, of equal length up to rounding."""
-    try:
-        with parquet_file(path) as file:
-            rows = file.metadata.num_rows
-            if rows <= most:
-                yield file.read(columns=columns, use_threads=threads)
-                return
-            slab = -(-rows // -(-rows // most))  # as even as can be: no small one at the end to be judged by itself
-            for batch in file.iter_batches(batch_size=slab, columns=columns, use_threads=threads):
-                yield pa.Table.from_batches([batch])
-    except (pa.ArrowException, OSError, ValueError) as error:
-        raise unreadable(path, error) from None
+    with _readable(path), parquet_file(path) as file:
+        rows = file.metadata.num_rows
+        if rows <= most:
+            yield file.read(columns=columns, use_threads=threads)
+            return
+        slab = -(-rows // -(-rows // most))  # as even as can be: no small one at the end to be judged by itself
+        for batch in file.iter_batches(batch_size=slab, columns=columns, use_threads=threads):
+            yield pa.Table.from_batches([batch])
 
 
 def write_log(
@@ -224,8 +221,7 @@ def has_references(path: Path) -> bool:
     """Return whether a log knows the truth; raises DataError for a truth without unit."""
     schema = schema_of(path)
     there = set(schema.names) >= set(REFERENCES)
-    for name, unit in REFERENCES.items() if there else ():
-        expect(path, schema, name, unit)
+    expect(path, schema, REFERENCES if there else {})
     return there
 
 
@@ -234,20 +230,21 @@ def channel_units(path: Path) -> dict[str, str]:
     return {field.name: unit_of(field) for field in schema_of(path)}
 
 
-def expect(path: Path, schema: "pa.Schema", name: str, wanted: str) -> None:
-    """Raise unless a channel is there once and says its unit."""
-    found = schema.get_all_field_indices(name)
-    if len(found) != 1:
-        state = "missing" if not found else f"present {len(found)} times"
-        present = " ".join(", ".join(schema.names[:20]).split()) or "none"
-        raise DataError(
-            f"{path}: channel '{name}' is {state}; expected once, in {wanted}; channels in the file: {present}"
-        )
-    if not unit_of(schema.field(found[0])):
-        raise DataError(
-            f"{path}: channel '{name}' has no unit; expected '{wanted}' or a unit that converts to it, "
-            f"in the field's metadata under the key 'unit'"
-        )
+def expect(path: Path, schema: "pa.Schema", units: Mapping[str, str]) -> None:
+    """Raise unless every channel that is to convert to a unit is there once and says its own."""
+    for name, wanted in units.items():
+        found = schema.get_all_field_indices(name)
+        if len(found) != 1:
+            state = "missing" if not found else f"present {len(found)} times"
+            present = " ".join(", ".join(schema.names[:20]).split()) or "none"
+            raise DataError(
+                f"{path}: channel '{name}' is {state}; expected once, in {wanted}; channels in the file: {present}"
+            )
+        if not unit_of(schema.field(found[0])):
+            raise DataError(
+                f"{path}: channel '{name}' has no unit; expected '{wanted}' or a unit that converts to it, "
+                f"in the field's metadata under the key 'unit'"
+            )
 
 
 def unit_of(field: "pa.Field") -> str:

@@ -43,8 +43,7 @@ class LogFile:
                 raise DataError(f"{path}: the log has no channel {wanted}; record at least one of these channels, too")
         self.channels = {name: item for name, item in policies.limited(channels).items() if name not in self.absent}
         self.units = {"time": "s"} | {name: channel.unit for name, channel in self.channels.items()}
-        for name, unit in self.units.items():
-            parquet.expect(path, self.schema, name, unit)
+        parquet.expect(path, self.schema, self.units)
         # which rows of each slab were used, eight in a byte, and what was found; complete once the pieces have been read
         self.kept: tuple[NDArray[np.uint8], ...] = ()
         self.defects = Defects(0)
