@@ -94,17 +94,17 @@ def test_the_size_of_the_blocks_changes_no_bit(air_path, grid, gain, settings, s
     equal(before, informed(air_path, grid, gain, short, settings))
 
 
-def test_samples_side_by_side_have_the_bits_of_one_by_one():
-    """The two ways through `_local_quadratic`; which one a sample goes depends on its neighbours."""
+def test_a_fit_has_the_bits_of_its_window_alone():
+    """Samples are fitted side by side: one that lies in a neighbour's window adds nothing to what it is no part of."""
     rng = np.random.default_rng(4)
     N, half_width = 1400, 0.05
     time, columns = np.cumsum(rng.uniform(0.005, 0.015, N)), 1e5 + 1e3 * rng.standard_normal((2, N))
     values, rates = smooth(time, columns, ((0, N),), half_width)
-    value, rate = np.empty(2), np.empty(2)
     for k in range(300, 1100):
         within = np.flatnonzero(np.abs(time - time[k]) < half_width)
-        smoothing._one_by_one(time, columns, half_width, within[0], within[-1], k, value, rate)
-        np.testing.assert_array_equal((value, rate), (values[:, k], rates[:, k]))
+        part = slice(within[0], within[-1] + 1)
+        alone = smooth(time[part], np.ascontiguousarray(columns[:, part]), ((0, within.size),), half_width)
+        np.testing.assert_array_equal(np.stack(alone)[:, :, k - part.start], (values[:, k], rates[:, k]))
 
 
 @pytest.mark.slow
