@@ -59,7 +59,7 @@ def _up_to_a_factor(states, M, T, spare, t):  # type: ignore[no-untyped-def]
         T[0, 0] = 1.0
     for p in range(1, n):
         if p > 1:
-            _product(states, M, T, spare)
+            product(states, M, T, spare)
             T, spare = spare, T
         for k in range(ROW):
             trace = 0.0
@@ -74,10 +74,11 @@ def _up_to_a_factor(states, M, T, spare, t):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _product(states, M, T, out):  # type: ignore[no-untyped-def]
+def product(states, M, T, out):  # type: ignore[no-untyped-def]
+    """Fill out = M T for samples side by side; T and out may have fewer columns than M."""
     n = len(states)
     for i in range(n):
-        for j in range(n):
+        for j in range(T.shape[1]):
             row = out[i, j]
             for k in range(ROW):
                 total = 0.0

@@ -29,7 +29,7 @@ from lpvobs.compiled import njit
 from lpvobs.engines.base import Trajectory
 from lpvobs.maps.excitation import steps_of
 from lpvobs.maps.grid import Grid, reach, seek
-from lpvobs.observer.inverse import ROW, invert
+from lpvobs.observer.inverse import ROW, invert, product
 from lpvobs.records import Array
 
 
@@ -93,7 +93,7 @@ def _recursion(  # type: ignore[no-untyped-def]
     cascade = not L[:, last].any()
     t = np.empty(ROW)
     M, T, spare = np.empty((n, n, ROW)), np.empty((n, n, ROW)), np.empty((n, n, ROW))
-    drive, push, lent, b = np.empty((n, ROW)), np.empty((n, ROW)), np.empty((n, ROW)), np.ones(ROW)
+    drive, push, lent, b = np.empty((n, 1, ROW)), np.empty((n, 1, ROW)), np.empty((n, ROW)), np.ones(ROW)
     old, new = np.array(first), np.empty(n)
     p_1, i_u, j_n, node = u_nodes.size, 0, 0, 0
     u_low, u_high, n_low, n_high = np.inf, -np.inf, np.inf, -np.inf  # no cell yet
@@ -104,7 +104,7 @@ def _recursion(  # type: ignore[no-untyped-def]
         h = steps[s : s + N]
         _closed_loop(s, N, h, A, E, C, y, steady, L, M, drive)
         T, spare = invert(first, M, T, spare, t)
-        _times(first, T, drive, push)
+        product(first, T, drive, push)
         C_2, x_out = C[last, :, s : s + N], x[:, s : s + N]
         u_here, n_here, y_2, e_out = fuel[s : s + N], speed[s : s + N], reading[s : s + N], innovation[s : s + N]
         if not cascade:
@@ -124,7 +124,7 @@ def _recursion(  # type: ignore[no-untyped-def]
             w2, w3 = (1.0 - eta_1) * eta_2, eta_1 * eta_2
             a = y_2[k]
             for i in range(n):
-                total = push[i, k]
+                total = push[i, 0, k]
                 for j in range(n):
                     total += T[i, j, k] * old[j]  # Eq. (36)
                 new[i] = total
@@ -158,7 +158,7 @@ def _closed_loop(s, N, h, A, E, C, y, steady, L, M, drive):  # type: ignore[no-u
                 row[k] = unit + h[k] * (constant - given[k])
             for o in range(steady, r):
                 _add(N, h, L[i, o], C[o, j, s : s + N], row)
-        row, given = drive[i], E[i, s : s + N]
+        row, given = drive[i, 0], E[i, s : s + N]
         for k in range(N):
             row[k] = h[k] * given[k]
         for o in range(r):
@@ -170,19 +170,6 @@ def _add(N, h, gain, given, row):  # type: ignore[no-untyped-def]
     if gain != 0.0:
         for k in range(N):
             row[k] += h[k] * gain * given[k]
-
-
-@njit(cache=True)
-def _times(states, T, given, out):  # type: ignore[no-untyped-def]
-    """Fill out = T given for N samples."""
-    n = len(states)
-    for i in range(n):
-        row = out[i]
-        for k in range(ROW):
-            total = 0.0
-            for j in range(n):
-                total += T[i, j, k] * given[j, k]
-            row[k] = total
 
 
 @njit(cache=True)
