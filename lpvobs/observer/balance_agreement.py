@@ -22,6 +22,7 @@ from lpvobs.maps.excitation import cell_numbers
 from lpvobs.maps.grid import Grid
 from lpvobs.observer.parts import log_of
 from lpvobs.observer.settings import EstimateSettings
+from lpvobs.observer.smoothing import joined
 from lpvobs.records import Additive, Array, Defects, Piece, Recording
 
 BLOCK = 0.2  # [s] over which all channels are averaged first: noise goes, transients stay, and it costs little
@@ -116,17 +117,17 @@ class Watched:
         """Yield the samples in order."""
         self._sums, rest, means = None, Channels(), Channels()
         for piece in followed(self.look[0].air_path.followers, self.recording.pieces()):
-            rest = _joined(rest, {"time": piece.time, "begins": piece.begins.astype(float), **piece.channels})
+            rest = joined(rest, {"time": piece.time, "begins": piece.begins.astype(float), **piece.channels})
             entered = np.diff(np.floor(rest["time"] / BLOCK), prepend=-np.inf) > 0.0
             first = np.flatnonzero((rest["begins"] > 0.0) | entered)  # no block reaches across a gap
-            means = _joined(means, _block_means(rest, first))
+            means = joined(means, _block_means(rest, first))
             rest = {name: column[first[-1] :].copy() for name, column in rest.items()}  # may go on in the next piece
             while means["time"].size >= CHUNK:
                 self._add({name: column[:CHUNK] for name, column in means.items()})
                 means = {name: column[CHUNK:] for name, column in means.items()}
             yield piece
         if rest:
-            self._add(_joined(means, _block_means(rest, np.array([0, rest["time"].size]))))
+            self._add(joined(means, _block_means(rest, np.array([0, rest["time"].size]))))
 
     def _add(self, means: Channels) -> None:
         sums = sums_of(means, *self.look)
@@ -138,10 +139,6 @@ class Watched:
         if self._sums is None:
             raise DataError(f"log '{self.name}': no sample could be used; record or export it again")
         return self._sums
-
-
-def _joined(one: Channels, other: Channels) -> Channels:
-    return {name: np.concatenate((one[name], column)) if one else column for name, column in other.items()}
 
 
 def _block_means(columns: Channels, first: NDArray[np.int64]) -> Channels:

@@ -99,12 +99,17 @@ def held_back(pieces: Iterable[Piece], half_width: float, ahead: float = 0.0) ->
                     yield held, held.time.size
                 held = Held(piece.time[part], channels, 0)
             else:
-                held = held.followed_by(piece.time[part], channels)
+                held = Held(np.append(held.time, piece.time[part]), joined(held.channels, channels), held.done)
             ready = held.ready(half_width, ahead)
             yield held, ready
             held = held.rest(ready, half_width)
     if held is not None:
         yield held, held.time.size
+
+
+def joined(one: dict[str, Array], other: dict[str, Array]) -> dict[str, Array]:
+    """Return channels with further samples behind; those alone where there is nothing before."""
+    return {name: np.concatenate((one[name], column)) if one else column for name, column in other.items()}
 
 
 @dataclass(frozen=True)
@@ -114,11 +119,6 @@ class Held:
     time: Array
     channels: dict[str, Array]
     done: int  # samples at the front that have been smoothed already
-
-    def followed_by(self, time: Array, channels: dict[str, Array]) -> "Held":
-        """Return the same with further samples behind."""
-        longer = {name: np.concatenate((column, channels[name])) for name, column in self.channels.items()}
-        return Held(np.concatenate((self.time, time)), longer, self.done)
 
     def ready(self, half_width: float, ahead: float) -> int:
         """Return how many samples have a complete window, and one so much ahead [s], while the segment may go on."""
