@@ -155,12 +155,9 @@ def control(targets: Targets, last: Commands, given: Inputs, x: Array, W_c: floa
     return Commands(u_egr, u_vgt, egr_integral, vgt_integral)
 
 
-RECORDED = (
-    "n_e", "u_delta", "u_egr", "u_vgt", "p_im", "p_em", "omega_t", "T_im", "T_em", "W_c", "W_egr", "W_ei", "W_leak",
-    "warming",
-)  # fmt: skip
 TRAIL = ("n_e", "u_delta", "W_c", "T_im")
 """What is kept at every step of the integrator where a sensor needs to know what has been."""
+RECORDED = (*TRAIL, "u_egr", "u_vgt", "p_im", "p_em", "omega_t", "T_em", "W_egr", "W_ei", "W_leak", "warming")
 CHUNK = 2000  # actions of the control between two reports of progress
 
 
@@ -241,10 +238,8 @@ def drive(
         if progress is not None:
             progress(last / actions)
     end = inputs_at(Interval(course, Commands(*commands), targets.period, actions - 1), targets.period)
-    if done < samples.step.size:  # the last sample may lie on the end of the course
-        record(plant, end, x, recorded[done])
-    if with_trail:
-        keep(plant, end, x, trail[-1])
+    for row in (*recorded[done:], *trail[-1:]):  # the last sample may lie on the end of the course
+        record(plant, end, x, row)
     return recorded, trail
 
 
@@ -273,7 +268,7 @@ def _run(
                 record(plant, inputs_at(now, start + after), work[5], recorded[done])
                 done += 1
             if trail.shape[0] > 0:
-                keep(plant, inputs_at(now, start), x, trail[action * substeps + part])
+                record(plant, inputs_at(now, start), x, trail[action * substeps + part])
             runge_kutta(plant, now, start, step, x, work)
     for index in range(4):
         memory[index] = commands[index]
@@ -318,16 +313,9 @@ def _shift(x: Array, by: float, slope: Array, out: Array) -> None:
 
 @njit(cache=True)
 def record(plant: Plant, given: Inputs, x: Array, out: Array) -> None:
-    """Write what `RECORDED` names at one instant into `out`."""
-    f = flows(plant, x, given)
-    out[0], out[1], out[2], out[3] = given.n_e, f.u_delta, f.u_egr, x[U_VGT]
-    out[4], out[5], out[6], out[7] = x[P_IM], x[P_EM], x[OMEGA_T], x[T_IM]
-    out[8], out[9], out[10], out[11] = f.T_em, f.W_c, f.W_egr, f.W_ei
-    out[12], out[13] = f.W_leak, f.charge_warming
-
-
-@njit(cache=True)
-def keep(plant: Plant, given: Inputs, x: Array, out: Array) -> None:
-    """Write what `TRAIL` names at one instant into `out`."""
+    """Write what `RECORDED` names at one instant into `out`, or what `TRAIL` names into a shorter one."""
     f = flows(plant, x, given)
     out[0], out[1], out[2], out[3] = given.n_e, f.u_delta, f.W_c, x[T_IM]
+    if out.size > 4:
+        out[4], out[5], out[6], out[7], out[8] = f.u_egr, x[U_VGT], x[P_IM], x[P_EM], x[OMEGA_T]
+        out[9], out[10], out[11], out[12], out[13] = f.T_em, f.W_egr, f.W_ei, f.W_leak, f.charge_warming
