@@ -14,6 +14,7 @@ import numpy as np
 
 from lpvobs.records import Array
 from lpvobs.simulation.instruments import Quality, read_with, stream_of
+from lpvobs.simulation.vehicle import mean_over
 
 GRID = 0.5  # s, of what changes slowly
 GRAVITY = 9.81  # m/s^2
@@ -73,7 +74,7 @@ def road(period: float, p_0: float, T_0: float, speed: Array, measured: bool, he
     """
     time = np.linspace(0.0, (speed.size - 1) * period, speed.size)
     slow = np.arange(0.0, time[-1] + 2.0 * GRID, GRID)
-    coarse_speed, coarse_heat = np.interp(slow, time, speed), np.interp(slow, time, _mean_over(heat, GRID / period))
+    coarse_speed, coarse_heat = np.interp(slow, time, speed), np.interp(slow, time, mean_over(heat, GRID / period))
     height = altitude(np.cumsum(coarse_speed) * GRID, seed)
     air = T_0 + wander(slow.size, 1.5, 300.0, stream_of(seed, "road weather")) - LAPSE * height
     T_amb = air + heat_soak(coarse_speed, seed)
@@ -86,13 +87,6 @@ def road(period: float, p_0: float, T_0: float, speed: Array, measured: bool, he
     if measured:
         channels["v_veh"] = 3.6 * speed
     return Road(channels["p_baro"], np.interp(time, slow, T_amb), AC_TORQUE * on, channels)
-
-
-def _mean_over(values: Array, width: float) -> Array:
-    """Return a moving average over about `width` samples, the same shape."""
-    size = max(1, round(width))
-    padded = np.pad(values, (size // 2, size - 1 - size // 2), mode="edge")
-    return np.convolve(padded, np.full(size, 1.0 / size), "valid")
 
 
 def altitude(distance: Array, seed: int) -> Array:

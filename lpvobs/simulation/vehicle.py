@@ -101,11 +101,15 @@ def drive_speed_cycle(vehicle: Vehicle, work: Work, cycle: SpeedCycle, raster: f
 
 def smooth(values: Array, width: float) -> Array:
     """Return values, shape (M,), after two centred moving averages of about `width` samples; the ends are held."""
-    half = int(width) // 2
-    kernel = np.full(2 * half + 1, 1.0 / (2 * half + 1))
-    for _ in range(2):
-        values = np.convolve(np.pad(values, half, mode="edge"), kernel, mode="valid")
-    return values
+    odd = 2 * (int(width) // 2) + 1
+    return mean_over(mean_over(values, odd), odd)
+
+
+def mean_over(values: Array, width: float) -> Array:
+    """Return a moving average over about `width` samples, the same shape; the ends are held."""
+    size = max(1, round(width))
+    padded = np.pad(values, (size // 2, size - 1 - size // 2), mode="edge")
+    return np.convolve(padded, np.full(size, 1.0 / size), "valid")
 
 
 @njit(cache=True)
