@@ -107,6 +107,7 @@ class Telegraph:
 class UnloggedEffect:
     """The reading is disturbed by something that no log holds, which comes and goes."""
 
+    id = "unlogged"  # what effects files call it
     form: str  # `additive`: + amplitude [kg/s]. `gain`: x (1 + amplitude).
     amplitude: float
     episodes: tuple[tuple[float, float], ...] | Telegraph  # [s]; at least two of them
@@ -119,11 +120,6 @@ class UnloggedEffect:
             raise UsageError(f"{self.id}: shape = '{self.shape}', expected {' or '.join(SHAPES)}")
         if not isinstance(self.episodes, Telegraph):
             _check_episodes(self.episodes)
-
-    @property
-    def id(self) -> str:
-        """What effects files call it."""
-        return "unlogged"
 
     def settled(self, truth: Mapping[str, Array], duration: float) -> "UnloggedEffect":
         """Return the effect with the episodes of a drive [s]; raises UsageError where fewer than two begin within it."""
