@@ -92,7 +92,8 @@ def _strict(schema: Any) -> Any:
         return schema
     if {"type": "null"} in schema.get("anyOf", []):
         (schema,) = (item for item in schema["anyOf"] if item != {"type": "null"})
-    strict = {key: _strict(value) for key, value in schema.items() if not (key == "default" and value is None)}
+    # an empty mapping by default is written by some versions of msgspec alone
+    strict = {key: _strict(value) for key, value in schema.items() if not (key == "default" and value in (None, {}))}
     if "properties" in strict:
         strict["additionalProperties"] = False
         strict["description"] = strict.get("description", "").split("\n\n")[0]
