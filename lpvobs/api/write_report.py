@@ -91,11 +91,8 @@ def make_report(
         report = replace(report, fits=tuple(fits), regions=tuple(regions))
         content = report_output(report)
         if page is not None:
-            try:
-                from lpvobs.report.page import page as made
-            except ValueError as error:  # matplotlib reads the variable as it is loaded
-                said = str(error).partition(";")[0]
-                raise UsageError(f"matplotlib: {said}; unset MPLBACKEND, which the page does not need") from None
+            from lpvobs.report.page import page as made
+
             write_text(page, made(report), paths)
         verdicts = judge(conditions, content.logs, content.results)
         if suite is not None:

@@ -35,6 +35,7 @@ def guarded(verb: Callable[..., None]) -> Callable[..., None]:
     def run(*args: Any, **kwargs: Any) -> None:
         try:
             _expect_surroundings()
+            os.environ.pop("MPLBACKEND", None)  # figures are drawn into files, which needs none
             verb(*args, **kwargs)
         except typer.Exit:
             raise
