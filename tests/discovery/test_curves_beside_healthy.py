@@ -140,3 +140,11 @@ def test_a_curve_in_the_model_is_told_as_it_was_without_it(linear, curve, surfac
     alone = fit_candidate(refit(judged, ()), judged.terms[0].effect, size=0.03, like=judged.terms[0])
     assert 0.0 < alone.told < 0.6
     assert in_place(judged, 0, alone).told == alone.told
+
+
+def test_a_curve_over_two_inputs_is_told_as_its_factor(linear, curve, surface):
+    """It once had the variance of a shape over one input, and nothing was taken off for the factor."""
+    known = Seeming(effects={curve.carrier.id: 3.0 / linear.problem.data, curve.id: 0.0})
+    plane = replace(surface, single=False)
+    assert told(linear, curve, surface, known) > 0.3
+    assert told(linear, curve, plane, known) == pytest.approx(0.25)
