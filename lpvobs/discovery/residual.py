@@ -150,15 +150,15 @@ class Problem(Places):
     def known_as(self, term: "Term") -> tuple[str, ...]:
         """Return the effects that tell what a healthy engine seems to have of a term: itself, most often.
 
-        Of a component's curve it is the component's factor and, where the curve is over one input and healthy drives show that, its
-        shape.
+        Of a component's curve over one input it is the component's factor and, where healthy drives show that, its shape. One
+        over two inputs has a size that no other has: it is known by its place alone.
         """
-        surface = term.curve if isinstance(term.curve, FactorSurface) else None
-        curve = self.model.curve(term.effect.id) if surface else None
-        if surface is None or curve is None:
+        curve = self.model.curve(term.effect.id) if isinstance(term.curve, FactorSurface) else None
+        if curve is None or not isinstance(term.curve, FactorSurface):
             return (term.effect.id,)
-        shown = surface.single and curve.id in self.seeming.effects
-        return (curve.carrier.id, curve.id) if shown else (curve.carrier.id,)
+        if not term.curve.single:
+            return (term.effect.place,)
+        return (curve.carrier.id, curve.id) if curve.id in self.seeming.effects else (curve.carrier.id,)
 
     def seems(self, term: "Term", information: float, name: str = "") -> float:
         """Return the variance of the size that a healthy engine seems to have of an effect, over that of noise, 1/information.

@@ -142,9 +142,11 @@ def test_a_curve_in_the_model_is_told_as_it_was_without_it(linear, curve, surfac
     assert in_place(judged, 0, alone).told == alone.told
 
 
-def test_a_curve_over_two_inputs_is_told_as_its_factor(linear, curve, surface):
-    """It once had the variance of a shape over one input, and nothing was taken off for the factor."""
-    known = Seeming(effects={curve.carrier.id: 3.0 / linear.problem.data, curve.id: 0.0})
+def test_a_curve_over_two_inputs_is_known_by_what_acts_in_its_place(linear, curve, surface):
+    """At nodes where a drive hardly was, neither a factor's size nor the shape over one input tells how far it varies."""
+    known = Seeming(
+        whole={curve.carrier.id: 1e-9}, effects={curve.id: 0.0}, places={curve.carrier.place: 3.0 / linear.problem.data}
+    )
     plane = replace(surface, single=False)
-    assert told(linear, curve, surface, known) > 0.3
+    assert told(linear, curve, surface, known) == pytest.approx(1.0, rel=0.01)
     assert told(linear, curve, plane, known) == pytest.approx(0.25)
