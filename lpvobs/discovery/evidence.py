@@ -33,9 +33,8 @@ class Candidate:
     elsewhere: float
     from_start: bool  # whether it acts from the first tenth of the logs on, and ends
     told: float  # share of the gain that is left beside what a healthy engine always seems to have of the effect
-    paid: float = (
-        0.0  # by a curve of which healthy drives show the shape, for its coefficients: it pays from what is told of it
-    )
+    # for its coefficients, by a curve of which healthy drives show the shape: it pays from what is told of it
+    paid: float = 0.0
 
     @property
     def id(self) -> str:
