@@ -153,10 +153,10 @@ class Problem(Places):
         Of a component's curve over one input it is the component's factor and, where healthy drives show that, its shape. One
         over two inputs has a size that no other has: it is known by its place alone.
         """
-        curve = self.model.curve(term.effect.id) if isinstance(term.curve, FactorSurface) else None
-        if curve is None or not isinstance(term.curve, FactorSurface):
+        surface, curve = term.curve, self.model.curve(term.effect.id)
+        if curve is None or not isinstance(surface, FactorSurface):
             return (term.effect.id,)
-        if not term.curve.single:
+        if not surface.single:
             return (term.effect.place,)
         return (curve.carrier.id, curve.id) if curve.id in self.seeming.effects else (curve.carrier.id,)
 
