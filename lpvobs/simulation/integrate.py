@@ -316,6 +316,6 @@ def record(plant: Plant, given: Inputs, x: Array, out: Array) -> None:
     """Write what `RECORDED` names at one instant into `out`, or what `TRAIL` names into a shorter one."""
     f = flows(plant, x, given)
     out[0], out[1], out[2], out[3] = given.n_e, f.u_delta, f.W_c, x[T_IM]
-    if out.size > 4:
+    if out.size > len(TRAIL):
         out[4], out[5], out[6], out[7], out[8] = f.u_egr, x[U_VGT], x[P_IM], x[P_EM], x[OMEGA_T]
         out[9], out[10], out[11], out[12], out[13] = f.T_em, f.W_egr, f.W_ei, f.W_leak, f.charge_warming
