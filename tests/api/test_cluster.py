@@ -127,9 +127,10 @@ def test_several_groups_of_logs_give_one_map_in_any_number_of_processes(setting,
     monkeypatch.setattr(groups, "TOGETHER", 2)
     found = [estimated(setting, logs, tmp_path / f"{n}.h5", jobs.Workers(n)) for n in (1, 2)]
     same(*found)
-    np.testing.assert_allclose(
-        found[0].estimate.theta, alone.estimate.theta, rtol=1e-9
-    )  # another order of the same sum
+    # Another order of the same sums: their rounding is far below what noise leaves of a node.
+    a, b = found[0].estimate, alone.estimate
+    np.testing.assert_array_equal(a.supported, b.supported)
+    assert np.max((np.abs(a.theta - b.theta) / b.standard_error)[b.supported]) < 1e-6
     assert [run.name for run in found[0].estimate.runs] == [run.name for run in alone.estimate.runs]
 
 
