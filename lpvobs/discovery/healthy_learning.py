@@ -33,7 +33,7 @@ from lpvobs.discovery.noise import beyond_usual
 from lpvobs.discovery.places import moves
 from lpvobs.discovery.residual import Problem, lay_out
 from lpvobs.engines.effects import SENSOR
-from lpvobs.engines.residual_model import ResidualModel
+from lpvobs.engines.residual_model import FLAT, ResidualModel
 from lpvobs.maps.grid import Grid
 from lpvobs.records import Array, Log
 
@@ -74,7 +74,9 @@ def _judged(
 ) -> tuple[Scores, Scores, float, float]:
     """Return what a drive shows of each effect and of each curve, as others see it; how much data; how uneven."""
     seen = learned_from(model, grid, prior, others)
-    laid = seen.taken_off(lay_out(seen.engine(model), grid, prior.beside(seen.deviation), [log], spacing=seen.spacing))
+    laid = seen.taken_off(
+        lay_out(seen.engine(model), grid, prior.beside(seen.deviation), [log], spacing=seen.spacing, compared=True)
+    )
     linear, middle = fit(laid, passes=2), 0.5 * float(laid.clock[0] + laid.clock[-1])
     spans = (-np.inf, np.inf), (middle, np.inf)
     return (
@@ -138,7 +140,7 @@ def learned_from(model: ResidualModel, grid: Grid, prior: MapPrior, logs: Sequen
     """Return the engine that healthy drives show, and what it leaves on them; map and model are those that they made."""
     deviation = by_all_balances(model, grid, prior, logs)
     there = model.moved(deviation, model.covariance)
-    problem = lay_out(there, grid, prior.beside(deviation), logs)
+    problem = lay_out(there, grid, prior.beside(deviation), logs, compared=True)
     return replace(left_of(problem, [log.name for log in logs]), deviation=deviation)
 
 
@@ -253,14 +255,26 @@ def _bare(problem: Problem, logs: Sequence[str]) -> HealthyDrive:
 def _with_lengths(bare: HealthyDrive, problem: Problem, rows: Iterable[tuple[Any, ...]]) -> HealthyDrive:
     """Return the same with the likeliest lengths; `rows` are what `likeliest_lengths` asks of each balance."""
     inputs, c = bare.inputs(problem).mean(0), len(bare.channels)
-    return _placed(bare, problem, [likeliest_lengths(problem, inputs[:, :c], inputs[:, c:], *row) for row in rows])
+    others = _others(bare, problem)
+    return _placed(
+        bare,
+        problem,
+        [likeliest_lengths(problem, on * inputs[:, :c], inputs[:, c:], *row) for on, row in zip(others, rows, strict=True)],
+    )
+
+
+def _others(bare: HealthyDrive, problem: Problem) -> NDArray[np.bool_]:
+    """Return which channels a balance is a function of, (B, c): all but the one that it predicts, or nothing would be left."""
+    predicted = [problem.model.compared.get(name) for name in bare.balances]
+    return np.array([[channel != own for channel in bare.channels] for own in predicted])
 
 
 def _placed(bare: HealthyDrive, problem: Problem, lengths: Sequence[Array]) -> HealthyDrive:
     """Return the same with bells of these lengths, along what the drives have visited."""
+    lengths = np.where(_others(bare, problem), lengths, FLAT)
     visited = bare.inputs(problem)[0][problem.shown.any(axis=0), : len(bare.channels)]
     centres = [_spread_out(visited / each, thresholds.BELLS) * each for each in lengths]
-    return replace(bare, centres=np.array(centres), lengths=np.array(lengths))
+    return replace(bare, centres=np.array(centres), lengths=lengths)
 
 
 def _spread_out(x: Array, most: int) -> Array:

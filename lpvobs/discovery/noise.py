@@ -157,7 +157,8 @@ def first_noise(problem: Problem) -> Noise:
     """Return the noise before any residual is known."""
     if problem.model.healthy is not None:
         return _remembered(problem, 1.0)
-    return Scatter(np.tile(np.eye(len(problem.model.balances)) / FIRST_NOISE, (problem.K, 1, 1)), problem.used)
+    each = np.eye(len(problem.model.balances)) * problem.shown.T[:, :, None]
+    return Scatter(each / FIRST_NOISE, problem.used)
 
 
 def noise_of(problem: Problem, nodes: Nodes, raw: Array) -> Noise:
@@ -233,7 +234,7 @@ def _own_scatter(problem: Problem, nodes: Nodes, raw: Array) -> Array:
     for some in np.unique(problem.shown, axis=1).T:
         here = (some == problem.shown.T).all(axis=1)
         alone = noise * np.outer(some, some) + np.diag(~some)
-        roots[here] = np.linalg.inv(np.linalg.cholesky(alone))[everywhere[here]]
+        roots[here] = (some[:, None] * np.linalg.inv(np.linalg.cholesky(alone)))[everywhere[here]]
     return np.asarray(roots / spread[classes][:, None, :] / np.sqrt(problem.lasting).T[:, None, :])
 
 

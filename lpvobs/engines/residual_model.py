@@ -113,6 +113,9 @@ class ResidualModel:
     # seconds, and a sample says little that its neighbour does not; where constants are known, noise is left, and an
     # instant counts.
     blocks: bool = False
+    # balances that know nothing of the engine: by name, the channel that each predicts. They count beside healthy drives
+    # alone, which show what that channel owes to the others
+    compared: Mapping[str, str] = field(default_factory=dict)
     curves: tuple[ComponentCurve, ...] = ()  # components that may be wrong as a curve
     levels: tuple[Level, ...] = ()
     # derivatives of the imbalances by the last m of the unknowns, shape (m, B, 2K) or (m, B, K), from constants, signals

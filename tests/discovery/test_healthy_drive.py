@@ -73,7 +73,7 @@ def other(clean):
 
 @pytest.fixture(scope="module")
 def healthy(plant, config, prior, other):
-    return left_of(lay_out(plant, config.grid(), prior, [other(1)]), ["drive1"])
+    return left_of(lay_out(plant, config.grid(), prior, [other(1)], compared=True), ["drive1"])
 
 
 @pytest.mark.parametrize("channel", ["p_em", "n_e"])
@@ -433,7 +433,7 @@ def test_corrections_of_a_calibrated_engine_are_no_unknowns_beside_bells(plant):
 
 def test_a_balance_that_healthy_drives_hardly_showed_is_asked_nothing(healthy, plant, config, prior, other):
     blind = replace(healthy, amplitude=healthy.amplitude * (np.array(healthy.balances) != "exhaust"))
-    shown = blind.taken_off(lay_out(plant, config.grid(), prior, [other(2)])).shown.any(axis=1)
+    shown = blind.taken_off(lay_out(plant, config.grid(), prior, [other(2)], compared=True)).shown.any(axis=1)
     assert [name for name, on in zip(healthy.balances, shown, strict=True) if not on] == ["exhaust"]
 
 

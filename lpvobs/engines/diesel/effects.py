@@ -1,6 +1,7 @@
 """The balances of a diesel with EGR and VGT, the effects of the contract that it may have, and the engine as the loop sees it."""
 
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from functools import partial
 from math import sqrt
 
@@ -20,11 +21,13 @@ from lpvobs.engines.residual_model import ComponentCurve, DayToDay, ResidualMode
 from lpvobs.engines.unknowns import Correction, Unknowns, loop_unknowns, places_of
 from lpvobs.records import Array
 
-BALANCES = ("compressor", "filling", "exhaust", "turbo")
+BALANCES = ("compressor", "filling", "exhaust", "turbo", "heat")
 CHANNELS = ("n_e", "u_delta", "u_egr", "u_vgt", "p_im", "p_em", "omega_t", "T_im", "T_em", "p_amb", "T_amb", "W_maf")
 RESTRICTED = 0.5
 """Change of the back pressure's coefficient from which on its solution counts in full; without one, three passes are near."""
 POWER = 1.0e5  # [J/kg] Turns a power into a flow, so that all balances are in kg/s
+WARMTH = 1.0e4  # [K s/kg] Turns a temperature into a flow
+RISE = 1.1e4  # [K] Rise of a gas from intake to exhaust over its share of fuel: a third of 42.9 MJ/kg, over c_pe
 
 
 LACKS = intake.LACKS | {"compressor": 1.0, "turbine": 1.0, "exhaust": 1.0}
@@ -42,13 +45,13 @@ NUDGES = (1e-5, 1e-5, 1e-5, 1e-4, 1e-4, 1e-4)
 
 @njit(cache=True)
 def imbalances_of(c: DieselConstants, x: Array, dx: Array, lacks: Array, flows: Array) -> Array:
-    """Return what is left of each balance, shape (4, K) [kg/s]."""
+    """Return what is left of each balance, shape (5, K) [kg/s]."""
     # x, dx : (12, K) values and rates in the order of `CHANNELS`; lacks : (7, K) in the order of `LACKS`; flows : (3, K)
     # what corrections add to the flows of compressor, cylinders and EGR. Each relation has a loop of its own: in one loop over
     # all of them, every place waits for its own powers.
     n_e, u_delta, u_egr, _, p_im, p_em, omega_t, T_im, T_em, p_amb, T_amb, W_maf = x
     K = n_e.size
-    out, (head, rho_1, W_ei, W_egr, turned) = np.empty((4, K)), np.empty((5, K))
+    out, (head, rho_1, W_ei, W_egr, turned) = np.empty((5, K)), np.empty((5, K))
     W_t, Pi_t = turbine(c, c.k_exhaust * lacks[6], x)
     for k in range(K):
         head[k] = relation.head(c, p_im[k], p_amb[k])
@@ -74,6 +77,7 @@ def imbalances_of(c: DieselConstants, x: Array, dx: Array, lacks: Array, flows: 
         out[1, k] = W_maf[k] - (W_ei[k] - W_egr[k] + W_leak + stored)
         out[2, k] = W_ei[k] + W_f - W_t[k] - W_egr[k] - c.V_em / (c.R_e * T_em[k]) * dx[5, k]
         out[3, k] = (turned[k] - c.J_t * omega_t[k] * dx[6, k]) / POWER
+        out[4, k] = (RISE * W_f / (W_ei[k] + W_f) - (T_em[k] - T_im[k])) / WARMTH
     return out
 
 
@@ -213,7 +217,8 @@ CATALOGUE = (
     *(_SHARED[name] for name in ("maf.contamination", "leak.inlet", "u_delta.gain", "p_im.offset", "p_im.gain")),
     Effect("p_em.gain", "factor", "1", 1.0, 0.01, 0.7, 1.3, "p_em", gain("p_em"), EGR),
     Effect("omega_t.gain", "factor", "1", 1.0, 0.005, 0.8, 1.2, "omega_t", gain("omega_t"), BOOST),
-    *(_SHARED[name] for name in ("T_im.lag", "leak.intake", "egr.leak", "egr.area", "eta_vol.factor")),
+    *(_SHARED[name] for name in ("T_im.lag", "leak.intake", "egr.leak", "egr.area")),
+    replace(_SHARED["eta_vol.factor"], straight=False),  # the heat of the fuel is shared by more or less gas
     Effect("compressor.flow", "factor", "1", 1.0, 0.03, 0.6, 1.3, "compressor", lacking(LACKS, "compressor"), BOOST),
     Effect("turbine.efficiency", "factor", "1", 1.0, 0.03, 0.5, 1.5, "turbine", lacking(LACKS, "turbine"), BOOST, straight=True),
     Effect(
@@ -255,6 +260,7 @@ def diesel_model(
     constants, point = constants_of(engine), loop_unknowns(tolerance, known)
     return ResidualModel(
         balances=BALANCES,
+        compared={"heat": "T_em"},
         unit="kg/s",
         channels=CHANNELS,
         followers=FOLLOWERS,
@@ -281,7 +287,7 @@ def diesel_model(
 
 def by_reading(_: AsFound, s: Signals, __: Blocks | None) -> Array:
     """Return one for the balances that the sensor is part of, zero for the others, at every instant, shape (4, K)."""
-    return np.repeat([[1.0], [1.0], [0.0], [0.0]], s.time.size // 2, axis=1)
+    return np.repeat([[1.0], [1.0], [0.0], [0.0], [0.0]], s.time.size // 2, axis=1)
 
 
 def shown(s: Signals, _: Blocks | None) -> NDArray[np.bool_]:
