@@ -259,7 +259,10 @@ def _with_lengths(bare: HealthyDrive, problem: Problem, rows: Iterable[tuple[Any
     return _placed(
         bare,
         problem,
-        [likeliest_lengths(problem, on * inputs[:, :c], inputs[:, c:], *row) for on, row in zip(others, rows, strict=True)],
+        [
+            likeliest_lengths(problem, on * inputs[:, :c], inputs[:, c:], *row)
+            for on, row in zip(others, rows, strict=True)
+        ],
     )
 
 

@@ -92,6 +92,31 @@ def test_the_function_goes_along_with_a_corrected_channel(healthy, plant, config
     assert not moved(problem, problem.signals).any()
 
 
+def test_a_balance_that_knows_nothing_of_the_engine_counts_beside_healthy_drives_alone(
+    healthy, plant, config, prior, other
+):
+    heat = plant.balances.index("heat")
+    alone, compared = (lay_out(plant, config.grid(), prior, [other(2)], compared=beside) for beside in (False, True))
+    assert not alone.shown[heat].any()
+    linear = fit(alone)
+    assert not linear.whiten(np.ones((2, *alone.shown.shape)))[:, heat].any()  # what is not shown has no weight at all
+    told = [
+        fit_candidate(fit(healthy.taken_off(each)), plant.effect("u_delta.gain")).information
+        for each in (alone, compared)
+    ]
+    assert told[1] > 10.0 * told[0]  # seen: 100 times, for both drives are one but for the noise of the sensor
+
+
+def test_what_a_balance_predicts_does_not_tell_what_is_left_of_it(healthy, plant, config, prior, other):
+    problem = lay_out(plant, config.grid(), prior, [other(2)], compared=True)
+    inputs, own = healthy.inputs(problem)[0], healthy.channels.index("T_em")
+    warmer = inputs.copy()
+    warmer[:, own] += 1.0
+    for name, b in ((name, healthy.balances.index(name)) for name in ("heat", "turbo")):
+        change = np.abs(healthy.features(warmer, b) - healthy.features(inputs, b)).max()
+        assert (change < 1e-3) == (name == "heat")
+
+
 def test_what_does_not_change_cancels(healthy, plant, config, prior, other):
     problem = lay_out(plant, config.grid(), prior, [other(2)])
     before, after = (np.sqrt((left(each) ** 2).mean(1)) for each in (problem, healthy.taken_off(problem)))
