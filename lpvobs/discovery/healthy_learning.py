@@ -255,29 +255,25 @@ def _bare(problem: Problem, logs: Sequence[str]) -> HealthyDrive:
 def _with_lengths(bare: HealthyDrive, problem: Problem, rows: Iterable[tuple[Any, ...]]) -> HealthyDrive:
     """Return the same with the likeliest lengths; `rows` are what `likeliest_lengths` asks of each balance."""
     inputs, c = bare.inputs(problem).mean(0), len(bare.channels)
-    others = _others(bare, problem)
-    return _placed(
-        bare,
-        problem,
-        [
-            likeliest_lengths(problem, on * inputs[:, :c], inputs[:, c:], *row)
-            for on, row in zip(others, rows, strict=True)
-        ],
-    )
+    lengths = [
+        likeliest_lengths(problem, on * inputs[:, :c], inputs[:, c:], *row)
+        for on, row in zip(_others(bare, problem), rows, strict=True)
+    ]
+    return _placed(bare, problem, lengths)
 
 
 def _others(bare: HealthyDrive, problem: Problem) -> NDArray[np.bool_]:
-    """Return which channels a balance is a function of, (B, c): all but the one that it predicts, or nothing would be left."""
+    """Return of which channels a balance is a function, (B, c): all but the one that it predicts, which would tell it all."""
     predicted = [problem.model.compared.get(name) for name in bare.balances]
     return np.array([[channel != own for channel in bare.channels] for own in predicted])
 
 
 def _placed(bare: HealthyDrive, problem: Problem, lengths: Sequence[Array]) -> HealthyDrive:
     """Return the same with bells of these lengths, along what the drives have visited."""
-    lengths = np.where(_others(bare, problem), lengths, FLAT)
+    along = np.where(_others(bare, problem), lengths, FLAT)
     visited = bare.inputs(problem)[0][problem.shown.any(axis=0), : len(bare.channels)]
-    centres = [_spread_out(visited / each, thresholds.BELLS) * each for each in lengths]
-    return replace(bare, centres=np.array(centres), lengths=lengths)
+    centres = [_spread_out(visited / each, thresholds.BELLS) * each for each in along]
+    return replace(bare, centres=np.array(centres), lengths=along)
 
 
 def _spread_out(x: Array, most: int) -> Array:
