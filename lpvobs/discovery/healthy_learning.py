@@ -74,9 +74,7 @@ def _judged(
 ) -> tuple[Scores, Scores, float, float]:
     """Return what a drive shows of each effect and of each curve, as others see it; how much data; how uneven."""
     seen = learned_from(model, grid, prior, others)
-    laid = seen.taken_off(
-        lay_out(seen.engine(model), grid, prior.beside(seen.deviation), [log], spacing=seen.spacing, compared=True)
-    )
+    laid = seen.taken_off(lay_out(seen.engine(model), grid, prior.beside(seen.deviation), [log], spacing=seen.spacing))
     linear, middle = fit(laid, passes=2), 0.5 * float(laid.clock[0] + laid.clock[-1])
     spans = (-np.inf, np.inf), (middle, np.inf)
     return (
@@ -98,7 +96,7 @@ def by_all_balances(model: ResidualModel, grid: Grid, prior: MapPrior, logs: Seq
     """
     q, seconds = len(model.names), sum(float(log.time[-1] - log.time[0]) for log in logs)
     spacing = max(thresholds.SPACING, seconds / thresholds.MOST_ASKED)
-    sound = where_the_map_stands(lay_out(model, grid, prior, logs, spacing=spacing))
+    sound = where_the_map_stands(lay_out(model.alone(), grid, prior, logs, spacing=spacing))
     return fit(replace(sound, bounded=True), passes=3).beta[:q]
 
 
@@ -140,7 +138,7 @@ def learned_from(model: ResidualModel, grid: Grid, prior: MapPrior, logs: Sequen
     """Return the engine that healthy drives show, and what it leaves on them; map and model are those that they made."""
     deviation = by_all_balances(model, grid, prior, logs)
     there = model.moved(deviation, model.covariance)
-    problem = lay_out(there, grid, prior.beside(deviation), logs, compared=True)
+    problem = lay_out(there, grid, prior.beside(deviation), logs)
     return replace(left_of(problem, [log.name for log in logs]), deviation=deviation)
 
 

@@ -71,8 +71,8 @@ def refine(
 
     def lay(these: Sequence[Log], modes: Array | None = None) -> Problem:
         if healthy is None:
-            return lay_out(model, grid, prior, these)
-        return healthy.taken_off(lay_out(model, grid, prior, these, spacing=healthy.spacing, compared=True), modes)
+            return lay_out(model.alone(), grid, prior, these)
+        return healthy.taken_off(lay_out(model, grid, prior, these, spacing=healthy.spacing), modes)
 
     problem = lay(logs)
     terms = tuple(term_on(known_effect, problem, logs) for known_effect in known)

@@ -248,12 +248,10 @@ def lay_out(
     logs: Sequence[Log],
     wide: float = 1.0,
     spacing: float = thresholds.SPACING,
-    compared: bool = False,
 ) -> Problem:
     """Return the problem of one or more logs; raises DataError if a log has no stretch that is long enough.
 
-    Instants are `spacing` [s] apart, through windows `wide` times as wide as usual. Balances that are `compared` with those
-    of healthy drives count where that is asked for.
+    Instants are `spacing` [s] apart, through windows `wide` times as wide as usual.
     """
     model = replace(model, units={name: unit for log in logs for name, unit in log.units.items()} | dict(model.units))
     logs = [with_followers(model.followers, log) for log in logs]
@@ -275,7 +273,6 @@ def lay_out(
     levels = tuple((i, level) for i in range(len(logs)) for level in model.levels)
     deviations = [level.deviation for _, level in levels]
     shown = model.shown(places.signals, places.blocks)
-    shown = shown & np.array([[compared or name not in model.compared] for name in model.balances])
     return Problem(
         model=model,
         grid=grid,
@@ -297,7 +294,7 @@ def lay_out(
         used=used,
         judged=judged,
         flow=1.0 if model.unit == "kg/s" else float(np.mean(np.maximum(places.signals[SENSOR], 0.0))),
-        wider=lambda: lay_out(model, grid, prior, logs, thresholds.WIDER, spacing, compared).with_all(),
+        wider=lambda: lay_out(model, grid, prior, logs, thresholds.WIDER, spacing).with_all(),
         lasting=np.ones(shown.shape),
         patterns=Patterns((np.zeros((0, shown.shape[1])),) * len(shown)),
         offset=np.zeros(shown.shape) if model.beyond is None else model.beyond(logs, places.signals, places.blocks),

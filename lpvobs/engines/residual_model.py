@@ -151,6 +151,22 @@ class ResidualModel:
         """Return the curve of a component by its identifier, None where there is none."""
         return next((curve for curve in self.curves if curve.id == name), None)
 
+    def alone(self) -> "ResidualModel":
+        """Return the model without the balances that count beside healthy drives alone."""
+        if not self.compared:
+            return self
+        kept = [b for b, name in enumerate(self.balances) if name not in self.compared]
+        by_unknowns = self.by_unknowns
+        return replace(
+            self,
+            balances=tuple(self.balances[b] for b in kept),
+            compared={},
+            imbalances=lambda constants, s, blocks: self.imbalances(constants, s, blocks)[kept],
+            by_reading=lambda constants, s, blocks: self.by_reading(constants, s, blocks)[kept],
+            shown=lambda s, blocks: self.shown(s, blocks)[kept],
+            by_unknowns=None if by_unknowns is None else lambda *seen: by_unknowns(*seen)[:, kept],
+        )
+
     def restarted(self, deviation: Mapping[str, float], covariance: Array) -> "ResidualModel":
         """Return the model around other values of its unknowns: relative deviations, and their covariance around there, (q, q)."""
         return self.moved(np.array([deviation.get(name, 0.0) for name in self.names]), covariance)
