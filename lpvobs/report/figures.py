@@ -20,6 +20,7 @@ from lpvobs.engines.base import MapAxis
 from lpvobs.engines.curves import Nodes
 from lpvobs.io.results.engines import ComponentPoint, StoredEngine
 from lpvobs.maps.excitation import Plan
+from lpvobs.maps.joint import NORMAL_90
 from lpvobs.records import Array
 from lpvobs.report.content import Drive, SurfaceView
 from lpvobs.report.engines import flows_of
@@ -30,7 +31,6 @@ TRUTH, ESTIMATE, READING = INK, "#2f7fc1", "#c4621a"
 DIVERGING, SEQUENTIAL = "RdBu_r", "viridis"
 GRAMS = 1e3
 CUTS = 3  # cuts through a map along each of its axes; lines through a component, along its first one
-SURE = 1.645  # standard errors on either side of a 90 % interval
 FAINT = 0.35  # opacity of what is extrapolated
 CENTRED: dict[str, Any] = {"ha": "center", "va": "center_baseline"}
 PLATE = {"facecolor": "#ffffff", "edgecolor": "none", "pad": 0.8, "alpha": 0.85}  # behind a number on a map
@@ -120,7 +120,7 @@ def cuts(figure: Figure, surface: SurfaceView, deviation: Array) -> None:
             axes.plot(at, GRAMS * values, color=colour, linestyle="--", linewidth=0.8)
             own = np.where(estimated > 0.0, GRAMS * values, np.nan)
             axes.plot(at, own, color=colour, marker=mark, markersize=3.5, label=f"{places[k]:g} {across.unit}")
-            low, high = (GRAMS * (values + sign * SURE * error) for sign in (-1.0, 1.0))
+            low, high = (GRAMS * (values + sign * NORMAL_90 * error) for sign in (-1.0, 1.0))
             axes.fill_between(at, low, high, color=colour, alpha=0.15, linewidth=0.0)
         axes.set_xlabel(f"{along.meaning} [{along.unit}]")
         axes.grid(visible=True)
@@ -264,11 +264,11 @@ def component(
     nearest = np.array([int(np.argmin(np.abs(at - point.across))) for point in points])
     panes = figure.subplots(1, columns.size, sharey=True, squeeze=False)[0]
     for number, (axes, column) in enumerate(zip(panes, columns, strict=True)):
-        line, width = mean[:, column], SURE * error[:, column]
+        line, width = mean[:, column], NORMAL_90 * error[:, column]
         axes.fill_between(nodes.values, line - width, line + width, color=ESTIMATE, alpha=0.25, linewidth=0.0)
         axes.plot(nodes.values, line, color=ESTIMATE)
         if before is not None:
-            for side in (-SURE, SURE):
+            for side in (-NORMAL_90, NORMAL_90):
                 axes.plot(nodes.values, side * before[:, column], ":", color=INK)
         here = [point for point, pane in zip(points, nearest, strict=True) if pane == number]
         axes.plot([p.along for p in here], [p.value for p in here], "o", markersize=2, color=READING)

@@ -11,8 +11,9 @@ from lpvobs.discovery.outcome import Ranked
 from lpvobs.discovery.portrait import Partial, Portrait, Track
 from lpvobs.discovery.thresholds import LAGS
 from lpvobs.discovery.whiteness import Whiteness
+from lpvobs.maps.joint import NORMAL_90
 from lpvobs.records import Array
-from lpvobs.report.figures import ESTIMATE, GRAMS, READING, SURE
+from lpvobs.report.figures import ESTIMATE, GRAMS, READING
 from lpvobs.report.fit import LAGS as LAGS_99
 from lpvobs.report.fit import ResidualFit
 from lpvobs.report.svg import INK, drawn, label_of
@@ -60,7 +61,7 @@ def component_curve(figure: Figure, surface: Mapping[str, Any]) -> None:
     first, second = (np.array(knots) for knots in surface["knots"])
     row = int(np.abs(second - surface["largest_at"][1]).argmin())
     factor, error = (100.0 * np.array(surface[name])[:, row] for name in ("factor", "standard_error"))
-    axes, more, half = figure.add_subplot(), factor - 100.0, SURE * error
+    axes, more, half = figure.add_subplot(), factor - 100.0, NORMAL_90 * error
     axes.fill_between(first, more - half, more + half, color=AFTER, alpha=0.25, linewidth=0)
     label = f"{surface['inputs'][1]} = {second[row]:.3g} {surface['units'][1]}"
     axes.plot(first, more, color=AFTER, label=label)
@@ -92,7 +93,7 @@ def partial_residual(figure: Figure, seen: Partial) -> None:
     mean, residual, error = seen.binned
     reach = mean.min(), mean.max()
     axes.plot(reach, reach, color=INK, linestyle="--", label="effect with its estimated size")
-    axes.errorbar(mean, residual, SURE * error, fmt="o", color=AFTER, markersize=3.5, label="means over all instants")
+    axes.errorbar(mean, residual, NORMAL_90 * error, fmt="o", color=AFTER, markersize=3.5, label="means over all instants")
     spread = float(np.quantile(np.abs(seen.residual), 0.995)) if seen.residual.size else 1.0
     axes.set_ylim(min(-spread, residual.min()) * 1.05, max(spread, residual.max()) * 1.05)
     about = f"prediction of {label_of(seen.id)} [noise standard deviations]"
