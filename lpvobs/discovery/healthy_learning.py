@@ -96,7 +96,7 @@ def by_all_balances(model: ResidualModel, grid: Grid, prior: MapPrior, logs: Seq
     """
     q, seconds = len(model.names), sum(float(log.time[-1] - log.time[0]) for log in logs)
     spacing = max(thresholds.SPACING, seconds / thresholds.MOST_ASKED)
-    sound = where_the_map_stands(lay_out(model.alone(), grid, prior, logs, spacing=spacing))
+    sound = where_the_map_stands(lay_out(model.without_compared(), grid, prior, logs, spacing=spacing))
     return fit(replace(sound, bounded=True), passes=3).beta[:q]
 
 

@@ -113,8 +113,8 @@ class ResidualModel:
     # seconds, and a sample says little that its neighbour does not; where constants are known, noise is left, and an
     # instant counts.
     blocks: bool = False
-    # balances that know nothing of the engine: by name, the channel that each predicts. They count beside healthy drives
-    # alone, which show what that channel owes to the others
+    # balances that know nothing of the engine: by name, the channel that each predicts. They count only beside healthy drives,
+    # which show how that channel depends on the others. An engine that has some has no `healthy`, `blur` or `beyond`
     compared: Mapping[str, str] = field(default_factory=dict)
     curves: tuple[ComponentCurve, ...] = ()  # components that may be wrong as a curve
     levels: tuple[Level, ...] = ()
@@ -151,8 +151,8 @@ class ResidualModel:
         """Return the curve of a component by its identifier, None where there is none."""
         return next((curve for curve in self.curves if curve.id == name), None)
 
-    def alone(self) -> "ResidualModel":
-        """Return the model without the balances that count beside healthy drives alone."""
+    def without_compared(self) -> "ResidualModel":
+        """Return the model without the balances that count only beside healthy drives."""
         if not self.compared:
             return self
         kept = [b for b, name in enumerate(self.balances) if name not in self.compared]
@@ -161,6 +161,7 @@ class ResidualModel:
             self,
             balances=tuple(self.balances[b] for b in kept),
             compared={},
+            levels=tuple(level for level in self.levels if level.name not in self.compared),
             imbalances=lambda constants, s, blocks: self.imbalances(constants, s, blocks)[kept],
             by_reading=lambda constants, s, blocks: self.by_reading(constants, s, blocks)[kept],
             shown=lambda s, blocks: self.shown(s, blocks)[kept],

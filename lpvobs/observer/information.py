@@ -36,9 +36,10 @@ FIRST_ERROR = 5e-5  # [kg/s sqrt(s)] of every balance, from which the rounds sta
 LEAST_WINDOWS = 40.0  # of a quarter of a second, under which what is not known of the engine absorbs a balance's errors
 LEAST_SPARED = 25.0
 """A sensor that reads 2 % too much looks like an engine that breathes 2 % more than configured. Its error follows the flow where
-the unknowns of the engine then move so much less, in squares over their variance. On 143 drives without such an error, constants
-within 1 or 3 % or twice as far as stated, they spared 19.4 at most; with a gain of 0.95, 28 to 83 on 12 drives; with 1.02, up to 21.
-How well the rows fit does not decide: what the balances lack in transients fits a slope of up to 7 %."""
+the unknowns of the engine then move so much less, in squares over their variance. On 143 drives without such an error (FTP75, ETC;
+constants within 1 or 3 %, or twice as far as stated), they spared 19.4 at most. On 12 drives of both with a gain of 0.95 and
+constants within 1 %, it was 28 to 83, with a gain of 1.02 up to 21. How well the rows fit does not decide: what the balances lack
+in transients fits a slope of up to 7 %."""
 
 SLOPE_LACKS = 0.01
 """Standard deviation of the slope of the sensor's error for what the balances lack in transients. On six engines with constants

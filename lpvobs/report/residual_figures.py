@@ -93,7 +93,9 @@ def partial_residual(figure: Figure, seen: Partial) -> None:
     mean, residual, error = seen.binned
     reach = mean.min(), mean.max()
     axes.plot(reach, reach, color=INK, linestyle="--", label="effect with its estimated size")
-    axes.errorbar(mean, residual, NORMAL_90 * error, fmt="o", color=AFTER, markersize=3.5, label="means over all instants")
+    axes.errorbar(
+        mean, residual, NORMAL_90 * error, fmt="o", color=AFTER, markersize=3.5, label="means over all instants"
+    )
     spread = float(np.quantile(np.abs(seen.residual), 0.995)) if seen.residual.size else 1.0
     axes.set_ylim(min(-spread, residual.min()) * 1.05, max(spread, residual.max()) * 1.05)
     about = f"prediction of {label_of(seen.id)} [noise standard deviations]"

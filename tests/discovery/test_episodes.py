@@ -38,7 +38,7 @@ def fitted(plant, config):
 
     def model(log, begin, end):
         problem = lay_out(
-            plant.alone(), config.grid(), free_map(config.grid(), len(config.estimate.tolerance), 0.1), [log]
+            plant.without_compared(), config.grid(), free_map(config.grid(), len(config.estimate.tolerance), 0.1), [log]
         )
         return fit(problem, [Term(gain, 1.05, begin, end)])
 

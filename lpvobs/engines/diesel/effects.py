@@ -26,8 +26,11 @@ CHANNELS = ("n_e", "u_delta", "u_egr", "u_vgt", "p_im", "p_em", "omega_t", "T_im
 RESTRICTED = 0.5
 """Change of the back pressure's coefficient from which on its solution counts in full; without one, three passes are near."""
 POWER = 1.0e5  # [J/kg] Turns a power into a flow, so that all balances are in kg/s
-WARMTH = 1.0e4  # [K s/kg] Turns a temperature into a flow
-RISE = 1.1e4  # [K] Rise of a gas from intake to exhaust over its share of fuel: a third of 42.9 MJ/kg, over c_pe
+WARMTH = 1.0e4  # [K s/kg] Turns a temperature into a flow, of which either is a hundredth of its usual size then
+# [K] Rise of a gas from intake to exhaust over its share of fuel: a third of 42.9 MJ/kg, over c_pe. What an engine differs in from
+# this, healthy drives show.
+RISE = 1.1e4
+LEAST_GAS = 1e-9  # [kg/s] An engine that stands still draws no gas that could be warmed
 
 
 LACKS = intake.LACKS | {"compressor": 1.0, "turbine": 1.0, "exhaust": 1.0}
@@ -77,7 +80,7 @@ def imbalances_of(c: DieselConstants, x: Array, dx: Array, lacks: Array, flows: 
         out[1, k] = W_maf[k] - (W_ei[k] - W_egr[k] + W_leak + stored)
         out[2, k] = W_ei[k] + W_f - W_t[k] - W_egr[k] - c.V_em / (c.R_e * T_em[k]) * dx[5, k]
         out[3, k] = (turned[k] - c.J_t * omega_t[k] * dx[6, k]) / POWER
-        out[4, k] = (RISE * W_f / (W_ei[k] + W_f) - (T_em[k] - T_im[k])) / WARMTH
+        out[4, k] = (RISE * W_f / max(W_ei[k] + W_f, LEAST_GAS) - (T_em[k] - T_im[k])) / WARMTH
     return out
 
 
@@ -116,12 +119,12 @@ def expansion(ambient: float, strength: float, K_t: float) -> float:
 
 
 def imbalances(found: AsFound, s: Signals, _: Blocks | None = None) -> Array:
-    """Return what is left of each balance, shape (4, C) [kg/s]."""
+    """Return what is left of each balance, shape (5, C) [kg/s]."""
     return _imbalances(found, s, _changes(found, s))
 
 
 def _imbalances(found: AsFound, s: Signals, changes: Array) -> Array:
-    """Return the balances with changes of `PARTS`, shape (6, C)."""
+    """Return the balances, (5, C), with changes of `PARTS`, shape (6, C)."""
     x, dx = _stacked(s.value), _stacked(s.rate)
     # a gas that a slow sensor lags behind is no colder than the air: noise in the rate would take it below zero
     x[T_EM] = np.maximum(x[T_EM] + changes[T_EM_LAG] * dx[T_EM], np.minimum(x[T_EM], x[T_AMB]))
@@ -286,10 +289,10 @@ def diesel_model(
 
 
 def by_reading(_: AsFound, s: Signals, __: Blocks | None) -> Array:
-    """Return one for the balances that the sensor is part of, zero for the others, at every instant, shape (4, K)."""
+    """Return one for the balances that the sensor is part of, zero for the others, at every instant, shape (5, K)."""
     return np.repeat([[1.0], [1.0], [0.0], [0.0], [0.0]], s.time.size // 2, axis=1)
 
 
 def shown(s: Signals, _: Blocks | None) -> NDArray[np.bool_]:
-    """Return that every balance counts everywhere, shape (4, K)."""
+    """Return that every balance counts everywhere, shape (5, K)."""
     return np.ones((len(BALANCES), s.time.size // 2), dtype=bool)

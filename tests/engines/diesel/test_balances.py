@@ -59,6 +59,15 @@ def test_the_heat_of_the_fuel_warms_all_of_the_gas(engine, eta_vol):
     assert (warmer[BALANCES.index("heat")] < -1e-4).all()
 
 
+def test_an_engine_that_stands_still_is_in_no_balance_for_nothing(engine):
+    """A log of a stop and start had NaN in one balance, and a search that found nothing."""
+    log = scattered(9)
+    value, rate, _ = columns(log)
+    value[[CHANNELS.index(name) for name in ("n_e", "u_delta")]] = 0.0
+    left = imbalances_of(Diesel(engine).constants, value, rate, with_lacks(len(log)), np.zeros((3, len(log))))
+    assert np.isfinite(left).all()
+
+
 @pytest.mark.parametrize(
     ("name", "size", "moved"),
     [
