@@ -203,7 +203,7 @@ as-it-is: export OPENBLAS_NUM_THREADS = 1
 as-it-is: $(VENV)/.ready
 	$(VENV)/bin/python benchmarks/engine_as_it_is.py constants
 	$(VENV)/bin/python benchmarks/engine_as_it_is.py slow
-	$(VENV)/bin/python benchmarks/engine_as_it_is.py flow 10 160438
+	$(VENV)/bin/python benchmarks/engine_as_it_is.py flow
 	$(VENV)/bin/python benchmarks/engine_as_it_is.py structure
 	$(VENV)/bin/python benchmarks/engine_as_it_is.py healthy
 

@@ -26,7 +26,7 @@ from lpvobs.simulation.simulate import UNITS, simulate
 RIGHT = 50
 SPOILED = 6  # of the right drives, two of each cycle
 RATE = 20.0
-SEED = 565502
+SEED = 962003
 NOISE = {"p_amb": 50.0, "T_amb": 0.3}  # Pa, K: a barometer and a thermometer that stand still would betray an exchange
 WEATHER = ((98000.0, 298.0), (80000.0, 298.0), (101000.0, 268.0), (98000.0, 308.0))  # Pa, K
 Channels = dict[str, Array]
