@@ -188,12 +188,6 @@ def close(
     else:
         before = nothing_known(model, grid, prior_map, engine.calibrated)
     healthy = results.read_beside(path, HEALTHY, HealthyDrive) if frozen else None
-    if healthy is not None and healthy.balances != model.balances:
-        own, expected = (", ".join(names) for names in (healthy.balances, model.balances))
-        raise DataError(
-            f"{path}: what healthy drives leave has the balances {own}, expected {expected}; make the result again with "
-            f"lpvobs estimate"
-        )
     # what healthy drives leave was learned at the constants that they show
     start = search_start(model, before, refined, logs) if healthy is None else beside_healthy(before, healthy)
     known = () if refined is None else refined.effects

@@ -33,7 +33,7 @@ from lpvobs.discovery.noise import beyond_usual
 from lpvobs.discovery.places import moves
 from lpvobs.discovery.residual import Problem, lay_out
 from lpvobs.engines.effects import SENSOR
-from lpvobs.engines.residual_model import FLAT, ResidualModel
+from lpvobs.engines.residual_model import ResidualModel
 from lpvobs.maps.grid import Grid
 from lpvobs.records import Array, Log
 
@@ -96,7 +96,7 @@ def by_all_balances(model: ResidualModel, grid: Grid, prior: MapPrior, logs: Seq
     """
     q, seconds = len(model.names), sum(float(log.time[-1] - log.time[0]) for log in logs)
     spacing = max(thresholds.SPACING, seconds / thresholds.MOST_ASKED)
-    sound = where_the_map_stands(lay_out(model.without_compared(), grid, prior, logs, spacing=spacing))
+    sound = where_the_map_stands(lay_out(model, grid, prior, logs, spacing=spacing))
     return fit(replace(sound, bounded=True), passes=3).beta[:q]
 
 
@@ -253,25 +253,14 @@ def _bare(problem: Problem, logs: Sequence[str]) -> HealthyDrive:
 def _with_lengths(bare: HealthyDrive, problem: Problem, rows: Iterable[tuple[Any, ...]]) -> HealthyDrive:
     """Return the same with the likeliest lengths; `rows` are what `likeliest_lengths` asks of each balance."""
     inputs, c = bare.inputs(problem).mean(0), len(bare.channels)
-    lengths = [
-        likeliest_lengths(problem, on * inputs[:, :c], inputs[:, c:], *row)
-        for on, row in zip(_others(bare, problem), rows, strict=True)
-    ]
-    return _placed(bare, problem, lengths)
-
-
-def _others(bare: HealthyDrive, problem: Problem) -> NDArray[np.bool_]:
-    """Return of which channels a balance is a function, (B, c): all but the one that it predicts, which would tell it all."""
-    predicted = [problem.model.compared.get(name) for name in bare.balances]
-    return np.array([[channel != own for channel in bare.channels] for own in predicted])
+    return _placed(bare, problem, [likeliest_lengths(problem, inputs[:, :c], inputs[:, c:], *row) for row in rows])
 
 
 def _placed(bare: HealthyDrive, problem: Problem, lengths: Sequence[Array]) -> HealthyDrive:
     """Return the same with bells of these lengths, along what the drives have visited."""
-    along = np.where(_others(bare, problem), lengths, FLAT)
     visited = bare.inputs(problem)[0][problem.shown.any(axis=0), : len(bare.channels)]
-    centres = [_spread_out(visited / each, thresholds.BELLS) * each for each in along]
-    return replace(bare, centres=np.array(centres), lengths=along)
+    centres = [_spread_out(visited / each, thresholds.BELLS) * each for each in lengths]
+    return replace(bare, centres=np.array(centres), lengths=np.array(lengths))
 
 
 def _spread_out(x: Array, most: int) -> Array:

@@ -71,7 +71,7 @@ def refine(
 
     def lay(these: Sequence[Log], modes: Array | None = None) -> Problem:
         if healthy is None:
-            return lay_out(model.without_compared(), grid, prior, these)
+            return lay_out(model, grid, prior, these)
         return healthy.taken_off(lay_out(model, grid, prior, these, spacing=healthy.spacing), modes)
 
     problem = lay(logs)

@@ -113,9 +113,6 @@ class ResidualModel:
     # seconds, and a sample says little that its neighbour does not; where constants are known, noise is left, and an
     # instant counts.
     blocks: bool = False
-    # balances that know nothing of the engine: by name, the channel that each predicts. They count only beside healthy drives,
-    # which show how that channel depends on the others. An engine that has some has no `healthy`, `blur` or `beyond`
-    compared: Mapping[str, str] = field(default_factory=dict)
     curves: tuple[ComponentCurve, ...] = ()  # components that may be wrong as a curve
     levels: tuple[Level, ...] = ()
     # derivatives of the imbalances by the last m of the unknowns, shape (m, B, 2K) or (m, B, K), from constants, signals
@@ -150,23 +147,6 @@ class ResidualModel:
     def curve(self, name: str) -> ComponentCurve | None:
         """Return the curve of a component by its identifier, None where there is none."""
         return next((curve for curve in self.curves if curve.id == name), None)
-
-    def without_compared(self) -> "ResidualModel":
-        """Return the model without the balances that count only beside healthy drives."""
-        if not self.compared:
-            return self
-        kept = [b for b, name in enumerate(self.balances) if name not in self.compared]
-        by_unknowns = self.by_unknowns
-        return replace(
-            self,
-            balances=tuple(self.balances[b] for b in kept),
-            compared={},
-            levels=tuple(level for level in self.levels if level.name not in self.compared),
-            imbalances=lambda constants, s, blocks: self.imbalances(constants, s, blocks)[kept],
-            by_reading=lambda constants, s, blocks: self.by_reading(constants, s, blocks)[kept],
-            shown=lambda s, blocks: self.shown(s, blocks)[kept],
-            by_unknowns=None if by_unknowns is None else lambda *seen: by_unknowns(*seen)[:, kept],
-        )
 
     def restarted(self, deviation: Mapping[str, float], covariance: Array) -> "ResidualModel":
         """Return the model around other values of its unknowns: relative deviations, and their covariance around there, (q, q)."""

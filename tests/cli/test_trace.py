@@ -1,7 +1,6 @@
 """The closed loop from the command line: a slow sensor that nobody declared, and a log in order."""
 
 from contextlib import nullcontext
-from dataclasses import replace
 from html import unescape
 from types import SimpleNamespace
 
@@ -11,14 +10,11 @@ import pyarrow.parquet as pq
 import pytest
 import xarray as xr
 
-import lpvobs as package
-from lpvobs.api.search_start import HEALTHY
 from lpvobs.api.trace import _refuse_slow
 from lpvobs.cli.loop import show
 from lpvobs.discovery.held_out import Comparison
 from lpvobs.discovery.outcome import DrivesNeeded, ResidualOutput, Trace, error_output
 from lpvobs.errors import DataError
-from lpvobs.io.results import results
 
 TAU = 0.1  # s, of the slow sensor
 
@@ -191,19 +187,6 @@ def test_a_slow_sensor_is_named_on_a_slow_log(lpvobs, chain, slow, tmp_path):
     done = lpvobs("refine", chain.result, log, "--out", tmp_path / "refined.h5", "--json")
     (effect,) = done.json["effects"]
     assert "maf.lag" in (effect["id"], *effect["indistinguishable"])
-
-
-@pytest.mark.slow
-def test_what_healthy_drives_leave_of_other_balances_is_refused(chain, slow, monkeypatch):
-    kept = results.read_beside
-
-    def of_fewer(path, name, record):
-        found = kept(path, name, record)
-        return replace(found, balances=found.balances[:-1]) if name == HEALTHY else found
-
-    monkeypatch.setattr(results, "read_beside", of_fewer)
-    with pytest.raises(DataError, match=r"expected compressor, .*, heat; make the result again with lpvobs estimate"):
-        package.trace(chain.result, slow)
 
 
 @pytest.mark.parametrize(("rate", "refused"), [(10.0, True), (20.0, False)])

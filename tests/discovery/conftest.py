@@ -52,7 +52,7 @@ def plant(config):
 def laid_out(plant, config):
     """Return a function from logs to the problem with a free map."""
     prior = free_map(config.grid(), len(config.estimate.tolerance), 0.1)
-    return lambda *logs: lay_out(plant.without_compared(), config.grid(), prior, logs)
+    return lambda *logs: lay_out(plant, config.grid(), prior, logs)
 
 
 @pytest.fixture(scope="session")

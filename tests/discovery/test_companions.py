@@ -25,7 +25,7 @@ def fitted(plant, config, clean):
 
     def of(reading, *ids):
         log = replace(clean, channels={**clean.channels, "W_maf": reading})
-        problem = lay_out(plant.without_compared(), config.grid(), prior, [log])
+        problem = lay_out(plant, config.grid(), prior, [log])
         effects = [plant.effect(id_) for id_ in ids]
         return fit(problem, [Term(effect, effect.null) for effect in effects])
 

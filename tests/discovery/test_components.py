@@ -65,9 +65,7 @@ def test_cylinders_that_take_more_around_a_speed_are_a_curve(found):
 @pytest.mark.parametrize(("lacking", "curve"), [(bump, True), (even, False)])
 def test_a_component_is_a_curve_only_where_the_data_ask_for_one(plant, config, clean, lacking, curve):
     grid = config.grid()
-    linear = fit(
-        lay_out(breathing(plant, lacking).without_compared(), grid, free_map(grid, len(plant.names), 0.1), [clean])
-    )
+    linear = fit(lay_out(breathing(plant, lacking), grid, free_map(grid, len(plant.names), 0.1), [clean]))
     own = fit_candidate(linear, plant.effect("eta_vol.factor"))
     other = curve_in_place_of(linear, own.term)
     assert (other is not None and score(other) > score(own) + TIE) == curve

@@ -21,7 +21,7 @@ def linear(plant, config, clean):
     """A drive beside a map that stands, as healthy drives are judged."""
     p = config.grid().size
     prior = MapPrior(np.zeros(p), np.eye(p) / 0.0005**2, np.zeros((p, len(config.estimate.tolerance))), False)
-    return fit(lay_out(plant.without_compared(), config.grid(), prior, [clean]))
+    return fit(lay_out(plant, config.grid(), prior, [clean]))
 
 
 def with_change(linear, change):

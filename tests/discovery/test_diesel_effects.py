@@ -36,13 +36,13 @@ def test_null_size_changes_nothing(one, linear):
 
 
 @pytest.mark.parametrize("one", [e for e in CATALOGUE if e.straight], ids=lambda e: e.id)
-def test_balances_change_in_proportion_to_a_straight_effect(one, linear, plant):
-    """So that the loop asks for the change at one size only, also beside another effect and in every balance."""
+def test_balances_change_in_proportion_to_a_straight_effect(one, linear):
+    """So that the loop asks for the change at one size only, also beside another effect."""
     problem, other = linear.problem, effect("compressor.flow")
     there = replace(problem.signals, lacks=other.apply(problem.signals, 0.9).lacks)
 
     def left(size):
-        return plant.imbalances(there.constants, one.apply(there, size), None)
+        return problem.model.imbalances(there.constants, one.apply(there, size), None)
 
     once, thrice = (left(one.null + n * one.size) - left(one.null) for n in (1.0, 3.0))
     assert np.abs(once).max() > 0.0

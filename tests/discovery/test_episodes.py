@@ -37,9 +37,7 @@ def fitted(plant, config):
     gain = next(effect for effect in plant.catalogue if effect.id == "maf.gain")
 
     def model(log, begin, end):
-        problem = lay_out(
-            plant.without_compared(), config.grid(), free_map(config.grid(), len(config.estimate.tolerance), 0.1), [log]
-        )
+        problem = lay_out(plant, config.grid(), free_map(config.grid(), len(config.estimate.tolerance), 0.1), [log])
         return fit(problem, [Term(gain, 1.05, begin, end)])
 
     return model

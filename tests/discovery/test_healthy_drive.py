@@ -41,13 +41,8 @@ from lpvobs.discovery.refine import refine
 from lpvobs.discovery.residual import Term, lay_out
 from lpvobs.discovery.select import _beside_itself
 from lpvobs.discovery.thresholds import PROVEN, TOLD
-from lpvobs.engines.diesel.effects import diesel_model
-from lpvobs.engines.residual_model import DayToDay
 from lpvobs.io.results.mapping import read, write
-from lpvobs.records import Defects, Log
-from lpvobs.simulation.effects import CatalogueEffect
 from lpvobs.simulation.parameters import ErrorSurface
-from lpvobs.simulation.simulate import simulate
 
 
 def left(problem):
@@ -98,53 +93,6 @@ def test_the_function_goes_along_with_a_corrected_channel(healthy, plant, config
     assert not moved(problem, problem.signals).any()
 
 
-def test_a_balance_that_knows_nothing_of_the_engine_counts_beside_healthy_drives_alone(
-    healthy, plant, config, prior, other
-):
-    assert set(plant.balances) - set(plant.without_compared().balances) == {"heat"}
-    compared = fit(healthy.taken_off(lay_out(plant, config.grid(), prior, [other(2)])))
-    without = left_of(lay_out(plant.without_compared(), config.grid(), prior, [other(1)]), ["drive1"])
-    alone = fit(without.taken_off(lay_out(plant.without_compared(), config.grid(), prior, [other(2)])))
-    told = [fit_candidate(linear, plant.effect("u_delta.gain")).information for linear in (alone, compared)]
-    assert told[1] > 10.0 * told[0]  # seen: 100 times, for both drives are one but for the noise of the sensor
-
-
-def test_the_level_of_a_balance_goes_with_it(config, prior, clean):
-    day = DayToDay({"heat": 1e-3, "filling": 1e-4})
-    known = diesel_model(config.engine, config.estimate.tolerance, day)
-    assert [level.name for level in known.levels] == ["heat", "filling"]
-    without = known.without_compared()
-    assert [level.name for level in without.levels] == ["filling"]
-    assert np.isfinite(fit(lay_out(without, config.grid(), prior, [clean])).beta).all()
-
-
-@pytest.mark.slow
-def test_too_much_fuel_is_named_beside_drives_of_other_days(plant, config, prior):
-    """With four balances it was not: fuel hardly moves them."""
-
-    def driven(cycle, seed, *effects):
-        made = simulate(
-            config.engine, config.simulation, cycle, 20.0, seed, effects=effects, surface=ErrorSurface("zero")
-        )
-        channels = {name: made.channels[name] for name in plant.channels}
-        N = made.channels["time"].size
-        return Log(f"{cycle}{seed}", "", made.channels["time"], channels, {}, ((0, N),), np.arange(N), Defects(N))
-
-    days = [driven("ftp75_cold", 1), driven("etc_part1", 2)]
-    today = driven("ftp75_cold", 3, CatalogueEffect("u_delta.gain", 1.05))
-    found = {}
-    for model in (plant, plant.without_compared()):
-        shown = learned(model, config.grid(), prior, days)
-        beside = shown.engine(model), config.grid(), prior.beside(shown.deviation)
-        found[len(model.balances)] = refine(*beside, [today], healthy=shown).trace
-    (finding,) = found[5].findings
-    assert finding.id == "u_delta.gain"
-    low, high = finding.parameters["factor"].ci90
-    assert low < 1.05 < high
-    assert high - low < 0.03
-    assert "u_delta.gain" not in {each.id for each in found[4].findings}
-
-
 def test_a_place_where_a_balance_does_not_count_has_no_weight(healthy, plant, config, prior, other):
     """Not in the first pass either, when no noise is known."""
     problem = lay_out(plant, config.grid(), prior, [other(2)])
@@ -152,16 +100,6 @@ def test_a_place_where_a_balance_does_not_count_has_no_weight(healthy, plant, co
     problem = replace(healthy.taken_off(problem), shown=on)
     for noise in (first_noise(problem), fit(problem).noise):
         assert np.array_equal(noise.whiten(np.ones((2, *on.shape)))[0] != 0.0, on & problem.used)
-
-
-def test_what_a_balance_predicts_does_not_tell_what_is_left_of_it(healthy, plant, config, prior, other):
-    problem = lay_out(plant, config.grid(), prior, [other(2)])
-    inputs, own = healthy.inputs(problem)[0], healthy.channels.index("T_em")
-    warmer = inputs.copy()
-    warmer[:, own] += 1.0
-    for name, b in ((name, healthy.balances.index(name)) for name in ("heat", "turbo")):
-        change = np.abs(healthy.features(warmer, b) - healthy.features(inputs, b)).max()
-        assert (change < 1e-3) == (name == "heat")
 
 
 def test_what_does_not_change_cancels(healthy, plant, config, prior, other):

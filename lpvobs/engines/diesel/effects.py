@@ -1,7 +1,6 @@
 """The balances of a diesel with EGR and VGT, the effects of the contract that it may have, and the engine as the loop sees it."""
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import replace
 from functools import partial
 from math import sqrt
 
@@ -21,16 +20,11 @@ from lpvobs.engines.residual_model import ComponentCurve, DayToDay, ResidualMode
 from lpvobs.engines.unknowns import Correction, Unknowns, loop_unknowns, places_of
 from lpvobs.records import Array
 
-BALANCES = ("compressor", "filling", "exhaust", "turbo", "heat")
+BALANCES = ("compressor", "filling", "exhaust", "turbo")
 CHANNELS = ("n_e", "u_delta", "u_egr", "u_vgt", "p_im", "p_em", "omega_t", "T_im", "T_em", "p_amb", "T_amb", "W_maf")
 RESTRICTED = 0.5
 """Change of the back pressure's coefficient from which on its solution counts in full; without one, three passes are near."""
 POWER = 1.0e5  # [J/kg] Turns a power into a flow, so that all balances are in kg/s
-WARMTH = 1.0e4  # [K s/kg] Turns a temperature into a flow, of which either is a hundredth of its usual size then
-# [K] Rise of a gas from intake to exhaust over its share of fuel: a third of 42.9 MJ/kg, over c_pe. What an engine differs in from
-# this, healthy drives show.
-RISE = 1.1e4
-LEAST_GAS = 1e-9  # [kg/s] An engine that stands still draws no gas that could be warmed
 
 
 LACKS = intake.LACKS | {"compressor": 1.0, "turbine": 1.0, "exhaust": 1.0}
@@ -48,13 +42,13 @@ NUDGES = (1e-5, 1e-5, 1e-5, 1e-4, 1e-4, 1e-4)
 
 @njit(cache=True)
 def imbalances_of(c: DieselConstants, x: Array, dx: Array, lacks: Array, flows: Array) -> Array:
-    """Return what is left of each balance, shape (5, K) [kg/s]."""
+    """Return what is left of each balance, shape (4, K) [kg/s]."""
     # x, dx : (12, K) values and rates in the order of `CHANNELS`; lacks : (7, K) in the order of `LACKS`; flows : (3, K)
     # what corrections add to the flows of compressor, cylinders and EGR. Each relation has a loop of its own: in one loop over
     # all of them, every place waits for its own powers.
     n_e, u_delta, u_egr, _, p_im, p_em, omega_t, T_im, T_em, p_amb, T_amb, W_maf = x
     K = n_e.size
-    out, (head, rho_1, W_ei, W_egr, turned) = np.empty((5, K)), np.empty((5, K))
+    out, (head, rho_1, W_ei, W_egr, turned) = np.empty((4, K)), np.empty((5, K))
     W_t, Pi_t = turbine(c, c.k_exhaust * lacks[6], x)
     for k in range(K):
         head[k] = relation.head(c, p_im[k], p_amb[k])
@@ -80,7 +74,6 @@ def imbalances_of(c: DieselConstants, x: Array, dx: Array, lacks: Array, flows: 
         out[1, k] = W_maf[k] - (W_ei[k] - W_egr[k] + W_leak + stored)
         out[2, k] = W_ei[k] + W_f - W_t[k] - W_egr[k] - c.V_em / (c.R_e * T_em[k]) * dx[5, k]
         out[3, k] = (turned[k] - c.J_t * omega_t[k] * dx[6, k]) / POWER
-        out[4, k] = (RISE * W_f / max(W_ei[k] + W_f, LEAST_GAS) - (T_em[k] - T_im[k])) / WARMTH
     return out
 
 
@@ -119,12 +112,12 @@ def expansion(ambient: float, strength: float, K_t: float) -> float:
 
 
 def imbalances(found: AsFound, s: Signals, _: Blocks | None = None) -> Array:
-    """Return what is left of each balance, shape (5, C) [kg/s]."""
+    """Return what is left of each balance, shape (4, C) [kg/s]."""
     return _imbalances(found, s, _changes(found, s))
 
 
 def _imbalances(found: AsFound, s: Signals, changes: Array) -> Array:
-    """Return the balances, (5, C), with changes of `PARTS`, shape (6, C)."""
+    """Return the balances with changes of `PARTS`, shape (6, C)."""
     x, dx = _stacked(s.value), _stacked(s.rate)
     # a gas that a slow sensor lags behind is no colder than the air: noise in the rate would take it below zero
     x[T_EM] = np.maximum(x[T_EM] + changes[T_EM_LAG] * dx[T_EM], np.minimum(x[T_EM], x[T_AMB]))
@@ -220,8 +213,7 @@ CATALOGUE = (
     *(_SHARED[name] for name in ("maf.contamination", "leak.inlet", "u_delta.gain", "p_im.offset", "p_im.gain")),
     Effect("p_em.gain", "factor", "1", 1.0, 0.01, 0.7, 1.3, "p_em", gain("p_em"), EGR),
     Effect("omega_t.gain", "factor", "1", 1.0, 0.005, 0.8, 1.2, "omega_t", gain("omega_t"), BOOST),
-    *(_SHARED[name] for name in ("T_im.lag", "leak.intake", "egr.leak", "egr.area")),
-    replace(_SHARED["eta_vol.factor"], straight=False),  # the heat of the fuel is shared by more or less gas
+    *(_SHARED[name] for name in ("T_im.lag", "leak.intake", "egr.leak", "egr.area", "eta_vol.factor")),
     Effect("compressor.flow", "factor", "1", 1.0, 0.03, 0.6, 1.3, "compressor", lacking(LACKS, "compressor"), BOOST),
     Effect("turbine.efficiency", "factor", "1", 1.0, 0.03, 0.5, 1.5, "turbine", lacking(LACKS, "turbine"), BOOST, straight=True),
     Effect(
@@ -263,7 +255,6 @@ def diesel_model(
     constants, point = constants_of(engine), loop_unknowns(tolerance, known)
     return ResidualModel(
         balances=BALANCES,
-        compared={"heat": "T_em"},
         unit="kg/s",
         channels=CHANNELS,
         followers=FOLLOWERS,
@@ -289,10 +280,10 @@ def diesel_model(
 
 
 def by_reading(_: AsFound, s: Signals, __: Blocks | None) -> Array:
-    """Return one for the balances that the sensor is part of, zero for the others, at every instant, shape (5, K)."""
-    return np.repeat([[1.0], [1.0], [0.0], [0.0], [0.0]], s.time.size // 2, axis=1)
+    """Return one for the balances that the sensor is part of, zero for the others, at every instant, shape (4, K)."""
+    return np.repeat([[1.0], [1.0], [0.0], [0.0]], s.time.size // 2, axis=1)
 
 
 def shown(s: Signals, _: Blocks | None) -> NDArray[np.bool_]:
-    """Return that every balance counts everywhere, shape (5, K)."""
+    """Return that every balance counts everywhere, shape (4, K)."""
     return np.ones((len(BALANCES), s.time.size // 2), dtype=bool)

@@ -1,11 +1,11 @@
-"""The balances against the air path's own flows, and what each lack moves."""
+"""The four balances against the air path's own flows, and what each lack moves."""
 
 import numpy as np
 import pytest
 from reference.drives import scattered
 
-from lpvobs.engines.components.intake import cylinder_flow, escape
-from lpvobs.engines.diesel.effects import BALANCES, CHANNELS, LACKS, RISE, imbalances_of, turbine
+from lpvobs.engines.components.intake import escape
+from lpvobs.engines.diesel.effects import BALANCES, CHANNELS, LACKS, imbalances_of, turbine
 from lpvobs.engines.diesel.lpv import Diesel
 
 
@@ -42,30 +42,7 @@ def test_turbine_side_is_the_equation_of_the_states(engine):
     rate[i], rate[j] = dx[:, 1], dx[:, 2]  # what the model says the states do
     left = imbalances_of(c, value, rate, with_lacks(len(log)), np.zeros((3, len(log))))
     scale = np.abs(imbalances_of(c, value, 0 * rate, with_lacks(len(log)), np.zeros((3, len(log)))))
-    assert np.all(np.abs(left[2:4]) <= 1e-9 * (1e-3 + scale[2:4]))
-
-
-@pytest.mark.parametrize("eta_vol", [1.0, 0.8])
-def test_the_heat_of_the_fuel_warms_all_of_the_gas(engine, eta_vol):
-    c, log = Diesel(engine).constants, scattered(9)
-    value, rate, _ = columns(log)
-    W_ei = eta_vol * cylinder_flow(c, log.channels)
-    W_f = 1e-6 / 120.0 * log["u_delta"] * log["n_e"] * c.n_cyl  # mg a stroke, two turns a stroke
-    value[CHANNELS.index("T_em")] = log["T_im"] + RISE * W_f / (W_ei + W_f)
-    left = imbalances_of(c, value, rate, with_lacks(len(log), eta_vol=eta_vol), np.zeros((3, len(log))))
-    np.testing.assert_allclose(left[BALANCES.index("heat")], 0.0, atol=1e-12)  # kg/s, rounding
-    value[CHANNELS.index("T_em")] += 10.0
-    warmer = imbalances_of(c, value, rate, with_lacks(len(log), eta_vol=eta_vol), np.zeros((3, len(log))))
-    assert (warmer[BALANCES.index("heat")] < -1e-4).all()
-
-
-def test_an_engine_that_stands_still_is_in_no_balance_for_nothing(engine):
-    """A log of a stop and start had NaN in one balance, and a search that found nothing."""
-    log = scattered(9)
-    value, rate, _ = columns(log)
-    value[[CHANNELS.index(name) for name in ("n_e", "u_delta")]] = 0.0
-    left = imbalances_of(Diesel(engine).constants, value, rate, with_lacks(len(log)), np.zeros((3, len(log))))
-    assert np.isfinite(left).all()
+    assert np.all(np.abs(left[2:]) <= 1e-9 * (1e-3 + scale[2:]))
 
 
 @pytest.mark.parametrize(
@@ -74,7 +51,7 @@ def test_an_engine_that_stands_still_is_in_no_balance_for_nothing(engine):
         ("leak_intake", 1e-5, {"filling"}),
         ("egr_leak", 1e-5, {"filling", "exhaust"}),
         ("egr_area", 0.8, {"filling", "exhaust"}),
-        ("eta_vol", 0.9, {"filling", "exhaust", "heat"}),
+        ("eta_vol", 0.9, {"filling", "exhaust"}),
         ("compressor", 0.9, {"compressor", "turbo"}),
         ("turbine", 0.9, {"turbo"}),
         ("exhaust", 3.0, {"exhaust", "turbo"}),

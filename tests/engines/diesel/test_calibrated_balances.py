@@ -69,7 +69,7 @@ def test_derivatives_by_modes_are_difference_quotients(model):
     log = scattered(12)
     seen = signals(model, log, T_em=rng.normal(0, 50, len(log)), W_maf=rng.normal(0, 0.02, len(log)))
     found = model.by_unknowns(model.constants, seen, None)
-    assert found.shape == (model.adding, len(model.balances), len(log))
+    assert found.shape == (model.adding, 4, len(log))
     for mode in (0, 1, model.adding // 2, model.adding - 1):
         ends = []
         for step in (1e-4, -1e-4):
