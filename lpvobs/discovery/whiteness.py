@@ -196,11 +196,11 @@ def block_sums(residual: Array, first: NDArray[np.int64]) -> Array:
 
 
 def leftover(linear: Linear, logs: Sequence[Log], follows: Mapping[str, float]) -> Leftover:
-    """Return the description of a model's residual."""
+    """Return the description of a model's residual where a balance counts: other places leave nothing."""
     problem = linear.problem
-    power = (linear.residual[0] ** 2).mean(0)
+    power, counts = (linear.residual[0] ** 2).mean(0), np.asarray(problem.shown.any(axis=0))
     cells = cell_numbers(problem.grid, linear.nodes[0])
-    time = np.bincount(cells)
+    time = np.bincount(cells, counts)
     mean = np.bincount(cells, power) / np.maximum(time, 1)
     visited = time >= LEAST_VISIT
     worst = int(np.argmax(np.where(visited, mean, 0.0)))
@@ -209,7 +209,7 @@ def leftover(linear: Linear, logs: Sequence[Log], follows: Mapping[str, float]) 
     u, n = problem.grid.fuel, problem.grid.speed
     sums = block_sums(linear.residual[0], problem.first)
     return Leftover(
-        stretches=tuple(_stretches(linear, power, logs)),
+        stretches=tuple(_stretches(linear, power, counts, logs)),
         fuel=(float(u[column]), float(u[column + 1])),
         speed=(float(n[row]), float(n[row + 1])),
         times_noise=float(mean[worst] / np.median(mean[visited])) if visited.any() else 1.0,
@@ -219,15 +219,16 @@ def leftover(linear: Linear, logs: Sequence[Log], follows: Mapping[str, float]) 
     )
 
 
-def _stretches(linear: Linear, power: Array, logs: Sequence[Log]) -> list[Stretch]:
-    """Return runs of neighbouring blocks with large power, the strongest first."""
+def _stretches(linear: Linear, power: Array, counts: NDArray[np.bool_], logs: Sequence[Log]) -> list[Stretch]:
+    """Return runs of neighbouring blocks with large power where the places count, the strongest first."""
     problem = linear.problem
     coarse, of_log, time = problem.coarse, problem.of_log, own_time(problem, logs)
     first = np.flatnonzero(np.diff(coarse, prepend=-1))
     last = np.append(first[1:], coarse.size) - 1
-    mean = np.add.reduceat(power, first) / (last - first + 1)
-    usual = float(np.median(mean))
-    excess = np.maximum(mean - usual, 0.0) * (last - first + 1)
+    number = np.add.reduceat(counts, first, dtype=float)
+    mean = np.add.reduceat(power, first) / np.maximum(number, 1.0)
+    usual = float(np.median(mean[number > 0.0])) if counts.any() else 0.0
+    excess = np.maximum(mean - usual, 0.0) * number
     total = max(float(excess.sum()), 1e-300)
     large = np.flatnonzero(mean > LARGE * usual)
     apart = (np.diff(large) > 1) | (np.diff(of_log[first[large]]) != 0)

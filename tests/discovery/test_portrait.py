@@ -92,6 +92,21 @@ def test_a_stretch_with_much_power_is_named(stepped):
     assert part.share > 0.9
 
 
+def test_places_without_a_balance_are_not_what_is_usual(stepped):
+    """More than half of a drive where the map was not estimated made the usual power zero, and all else infinitely large."""
+    found, log = stepped
+    problem = found.after.problem
+    driven = problem.time > 180.0
+    noise = np.random.default_rng(0).standard_normal(found.after.residual.shape) * driven
+    noise[:, :, (problem.time > 220.0) & (problem.time < 240.0)] *= 4.0
+    after = replace(found.after, residual=noise, problem=replace(problem, shown=problem.shown & driven))
+    left = leftover(after, [log], {})
+    (part,) = left.stretches
+    assert part.begin == pytest.approx(220.0, abs=12.0)
+    assert part.end == pytest.approx(240.0, abs=12.0)
+    assert 1.0 < left.times_noise < 100.0
+
+
 @pytest.mark.parametrize("K", [1000, 255])
 def test_a_spectrum_is_that_of_scipy(K):
     residual = np.random.default_rng(4).standard_normal((2, K)).cumsum(1)
