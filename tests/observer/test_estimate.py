@@ -21,7 +21,6 @@ from lpvobs.observer.parts import StateGain
 from lpvobs.observer.recursion import observe
 from lpvobs.observer.rivals import estimate_published
 from lpvobs.observer.settings import EstimateSettings, PublishedSettings
-from lpvobs.records import Defects, Log
 from lpvobs.simulation.simulate import drawn, simulate
 
 GRAM = 1e-3  # kg/s
@@ -79,8 +78,7 @@ def test_wrong_constants_are_no_error_that_follows_the_flow(gain, seed):
     config, _ = load_config(DIESEL)
     within = dict.fromkeys(config.estimate.tolerance, 0.03)
     made = simulate(drawn(config.engine, within, seed)[0], config.simulation, "ftp75_cold", 100.0, seed)
-    channels, N = {name: made.channels[name] for name in Diesel.channels}, made.channels["time"].size
-    log = Log("drive", "", made.channels["time"], channels, {}, ((0, N),), np.arange(N), Defects(N))
+    log = log_of(made.channels["time"], {name: made.channels[name] for name in Diesel.channels})
     settings = replace(config.estimate, tolerance=within)
     found = estimate_default(Diesel(config.engine), config.grid(), gain, [log], settings)
     assert found.along_flow.slope == 0.0
