@@ -14,7 +14,7 @@ drives likeliest, for every balance: the ambient pressure of six days says littl
 bells end, and what the function would have said counts as noise.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Annotated
@@ -127,22 +127,24 @@ class HealthyDrive:
         bells = _bells(inputs[:, :c], self.centres[b], self.lengths[b]) @ self._roots[b].T
         return np.hstack([bells, inputs[:, c:]])
 
-    def along(self, problem: Problem) -> Array:
-        """Return the features of every balance along a problem, shape (B, K, m + r): the mean of both views."""
-        one, other = self.inputs(problem)
-        out = np.empty((len(self.balances), problem.K, self.centres.shape[1] + len(self.rates)))
-        for b in range(len(out)):  # one after the other: an hour has 20 MB of each
-            out[b] = self.features(one, b)
-            out[b] += self.features(other, b)
-        out *= 0.5
-        return out
+    def along(self, problem: Problem) -> Iterator[Array]:
+        """Yield the features of each balance along a problem, shape (K, m + r): the mean of both views.
 
-    def expected(self, problem: Problem, features: Array) -> tuple[Array, Array]:
-        """Return what a healthy engine leaves [kg/s], and the variance of its errors beyond, over that of white noise, (B, K)."""
-        known = np.clip((features[..., : self.centres.shape[1]] ** 2).sum(2), 0.0, 1.0)
-        unsure = ((self.amplitude / self.scale) ** 2)[:, None] * (1.0 - known)
-        lasting = np.maximum(self.lasting / problem.spacing, 1.0)
-        return np.einsum("bm,bkm->bk", self.weights, features), lasting[:, None] * (1.0 + unsure)
+        One after the other, since an hour has 20 MB of each.
+        """
+        one, other = self.inputs(problem)
+        for b in range(len(self.balances)):
+            yield 0.5 * (self.features(one, b) + self.features(other, b))
+
+    def expected(self, problem: Problem) -> Array:
+        """Return what a healthy engine leaves [kg/s], and the variance of its errors beyond over that of white noise, (2, B, K)."""
+        each = enumerate(self.along(problem))
+        return np.array([self._expected(problem, features, b) for b, features in each]).swapaxes(0, 1)
+
+    def _expected(self, problem: Problem, features: Array, b: int) -> tuple[Array, Array]:
+        known = np.clip((features[:, : self.centres.shape[1]] ** 2).sum(1), 0.0, 1.0)
+        unsure = (self.amplitude[b] / self.scale[b]) ** 2 * (1.0 - known)
+        return features @ self.weights[b], max(self.lasting[b] / problem.spacing, 1.0) * (1.0 + unsure)
 
     def taken_off(self, problem: Problem, modes: Array | None = None) -> Problem:
         """Return the problem that asks for what has changed, for any width of the windows.
@@ -151,13 +153,14 @@ class HealthyDrive:
         """
         problem = self._where_known(problem)
         answers, learned = by_constants(problem), self._by_constants(problem)
-        features = self.along(problem)
-        expected = self.expected(problem, features)
-        _, wider = expected
-        modes = self._shown_modes(problem, answers - learned, wider) if modes is None else modes
+        each, slow = [], []
+        for b, features in enumerate(self.along(problem)):
+            each.append(self._expected(problem, features, b))
+            slow.append(self._slow(problem, features, b, each[b][1]))
+        expected = np.array(each).swapaxes(0, 1)
+        modes = self._shown_modes(problem, answers - learned, expected[1]) if modes is None else modes
         model = _in_modes(problem.model, modes, answers - learned)
         learned = np.tensordot(modes[: len(learned)].T, learned, 1)
-        slow = (self._slow(problem, features[b], b, wider[b]) for b in range(len(self.balances)))
         return self._beside_healthy(problem, modes, learned, model, Patterns(tuple(slow)), expected)
 
     def _where_known(self, problem: Problem) -> Problem:
@@ -174,14 +177,15 @@ class HealthyDrive:
         return np.stack([self.features(inputs, b) @ each for b, each in enumerate(self.by_constant)]).transpose(2, 0, 1)
 
     def _beside_healthy(
-        self, problem: Problem, modes: Array, learned: Array, model: ResidualModel, patterns: Patterns,
-        known: tuple[Array, Array] | None = None,
-    ) -> Problem:  # fmt: skip
-        """Return the problem less what a healthy engine leaves, with these unknowns of engine and errors.
+        self, problem: Problem, modes: Array, learned: Array, model: ResidualModel, patterns: Patterns, healthy: Array
+    ) -> Problem:
+        """Return the problem less what a healthy engine leaves, (2, B, K), with these unknowns of engine and errors."""
+        (expected, wider), q = healthy, len(problem.model.names)
 
-        `known` is what is expected of the problem, where it is known.
-        """
-        (expected, wider), q = known or self.expected(problem, self.along(problem)), len(problem.model.names)
+        def again() -> Problem:
+            wide = self._where_known(problem.wider())
+            return self._beside_healthy(wide, modes, learned, model, patterns, self.expected(wide))
+
         return replace(
             problem,
             model=model,
@@ -195,7 +199,7 @@ class HealthyDrive:
             seeming=self._seeming(problem),
             follows=self._follows(problem),
             covariance=scipy.linalg.block_diag(model.covariance, problem.covariance[q:, q:], np.eye(len(patterns))),
-            wider=lambda: self._beside_healthy(self._where_known(problem.wider()), modes, learned, model, patterns),
+            wider=again,
         )
 
     def _shown_modes(self, problem: Problem, answers: Array, wider: Array) -> Array:
@@ -277,14 +281,18 @@ def by_constants(problem: Problem) -> Array:
         return imbalances_at(problem, tuple((on, replace(s, constants=constants)) for on, s in scenes), none)
 
     here, steps = left(np.zeros(q)), thresholds.STEP * np.eye(q)[: q - model.adding]
-    return np.array([left(step) - here for step in steps]).reshape(-1, *here.shape) / thresholds.STEP
+    out = np.empty((len(steps), *here.shape))  # not a list of them beside: an hour has 60 MB
+    for row, step in zip(out, steps, strict=True):
+        row[:] = (left(step) - here) / thresholds.STEP
+    return out
 
 
 def with_map(problem: Problem, answers: Array) -> Array:
     """Return derivatives of the balances by n constants, shape (n, B, 2K), as those of the residual: the map moves, too."""
     nodes = operating_nodes(problem, scenes_with(problem, (), np.zeros(problem.spread.size)))
     by_map = np.einsum("km,kmq->qk", nodes[1], problem.prior.sensitivity[nodes[0], : len(answers)])
-    return np.asarray(answers - np.tile(problem.by_reading * by_map[:, None], 2))
+    views = answers.reshape(-1, len(problem.shown), 2, problem.K)
+    return np.asarray(views - (problem.by_reading * by_map[:, None])[:, :, None]).reshape(answers.shape)
 
 
 def _in_modes(model: ResidualModel, modes: Array, answers: Array) -> ResidualModel:

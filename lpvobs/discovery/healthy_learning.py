@@ -32,6 +32,7 @@ from lpvobs.discovery.map_prior import MapPrior
 from lpvobs.discovery.noise import beyond_usual
 from lpvobs.discovery.places import moves
 from lpvobs.discovery.residual import Problem, lay_out
+from lpvobs.discovery.sizes import forget
 from lpvobs.engines.effects import SENSOR
 from lpvobs.engines.residual_model import ResidualModel
 from lpvobs.maps.grid import Grid
@@ -77,16 +78,12 @@ def _judged(
     laid = seen.taken_off(lay_out(seen.engine(model), grid, prior.beside(seen.deviation), [log], spacing=seen.spacing))
     linear, middle = fit(laid, passes=2), 0.5 * float(laid.clock[0] + laid.clock[-1])
     spans = (-np.inf, np.inf), (middle, np.inf)
-    return (
-        {effect.id: first_order(linear, effect, *spans) for effect in laid.catalogue},
-        {
-            curve.id: [shape_shown(linear, curve, begin) for begin, _ in spans]
-            for curve in laid.model.curves
-            if is_recorded(laid, curve)
-        },
-        laid.data,
-        elsewhere_of(linear),
-    )
+    recorded = [curve for curve in laid.model.curves if is_recorded(laid, curve)]
+    effects = {effect.id: first_order(linear, effect, *spans) for effect in laid.catalogue}
+    curves = {curve.id: [shape_shown(linear, curve, begin) for begin, _ in spans] for curve in recorded}
+    uneven = elsewhere_of(linear)
+    forget()
+    return effects, curves, laid.data, uneven
 
 
 def by_all_balances(model: ResidualModel, grid: Grid, prior: MapPrior, logs: Sequence[Log]) -> Array:
@@ -149,28 +146,26 @@ def left_of(problem: Problem, logs: Sequence[str]) -> HealthyDrive:
     scenes = scenes_with(problem, (), np.zeros(problem.spread.size))
     left = imbalances_at(problem, scenes, np.zeros(problem.spread.size)).reshape(B, 2, K)
     left = left - (problem.by_reading * map_along(problem.prior.mean, operating_nodes(problem, scenes)))[:, None]
-    bare = _bare(problem, logs)
-    function, shares = np.zeros((B, K)), (START,) * B
+    bare, mean = _bare(problem, logs), left.mean(1)
+    function, shares = np.zeros((B, K)), np.tile(START, (B, 1))
     for number in range(thresholds.PASSES):
-        scale = _scales(left.mean(1) - function, problem)
-        rows = (problem.shown, left.mean(1), scale, shares)
+        scale = _scales(mean - function, problem)
+        rows = list(zip(problem.shown, mean, scale, shares.copy(), strict=True))
         if number:  # the scale is that of noise now
-            bare = _with_lengths(bare, problem, zip(*rows, strict=True))
-        middle = bare.along(problem)
-        shares, sizes = zip(*(likeliest(problem, *row) for row in zip(middle, *rows, strict=True)), strict=True)
-        function = np.einsum("bm,bkm->bk", sizes, middle)
-    by_constant = with_map(problem, by_constants(problem)).reshape(-1, B, 2, K)
-    every = np.concatenate([left[None], by_constant]).swapaxes(0, 1)
+            bare = _with_lengths(bare, problem, rows)
+        for b, (middle, row) in enumerate(zip(bare.along(problem), rows, strict=True)):
+            shares[b], sizes = likeliest(problem, middle, *row)
+            function[b] = middle @ sizes
+    every = np.concatenate([left[None], with_map(problem, by_constants(problem)).reshape(-1, B, 2, K)]).swapaxes(0, 1)
     views = bare.inputs(problem)
     each = (
         _learned(problem, np.stack([bare.features(view, b) for view in views]), *row)
         for b, row in enumerate(zip(problem.shown, every, scale, shares, strict=True))
     )
     own = _LearnedBalance(*map(np.array, zip(*each, strict=True)))
-    weights = own.weights[..., 0]
-    rest = _scales(left.mean(1) - np.einsum("bm,bkm->bk", weights, middle), problem)
+    rest = _scales(mean - own.along, problem)
     return replace(
-        bare, weights=weights, by_constant=own.weights[..., 1:], amplitude=own.amplitude, unsure=own.unsure,
+        bare, weights=own.weights[..., 0], by_constant=own.weights[..., 1:], amplitude=own.amplitude, unsure=own.unsure,
         scale=np.array([np.median(row[on]) if on.any() else 1.0 for row, on in zip(rest, problem.shown, strict=True)]),
         slow=own.slow, lasting=problem.spacing * own.lasting, covariance=_known_to(problem.model, own.information.sum(0)),
     )  # fmt: skip
@@ -180,6 +175,7 @@ class _LearnedBalance(NamedTuple):
     """What is learned of one balance, or of each along a further axis."""
 
     weights: Array  # (m, 1 + n)
+    along: Array  # (K,) the function along the places
     information: Array  # (n, n) on the constants
     unsure: Array
     amplitude: Any
@@ -197,7 +193,9 @@ def _learned(
     """
     m, n, logs = features.shape[2], len(left) - 1, problem.of_log[shown][pieces(problem, shown)]
     if logs.size < LEAST_PIECES:
-        return _LearnedBalance(np.zeros((m, 1 + n)), np.zeros((n, n)), np.zeros((m, m)), 0.0, 1.0, np.zeros(2))
+        return _LearnedBalance(
+            np.zeros((m, 1 + n)), np.zeros(shown.size), np.zeros((n, n)), np.zeros((m, m)), 0.0, 1.0, np.zeros(2)
+        )
     lasting, *variances = np.exp(shares)
     size, *slow = np.median(scale[shown]) * np.sqrt(variances)
     precision, gradient, information = np.eye(m), np.zeros((m, 1 + n)), np.zeros((n, n))
@@ -220,7 +218,9 @@ def _learned(
     weights = scipy.linalg.cho_solve((factor, True), gradient)
     information -= gradient[:, 1:].T @ weights[:, 1:]
     unsure = size * scipy.linalg.solve_triangular(factor, np.eye(m), lower=True).T  # U = L^-T, and U U^T = (L L^T)^-1
-    return _LearnedBalance(size * weights, information, unsure, float(size), float(lasting), np.array(slow))
+    weights *= size
+    along = 0.5 * sum(view @ weights[:, 0] for view in features)
+    return _LearnedBalance(weights, along, information, unsure, float(size), float(lasting), np.array(slow))
 
 
 def _known_to(model: ResidualModel, information: Array) -> Array:

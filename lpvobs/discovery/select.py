@@ -19,7 +19,6 @@ from lpvobs.discovery.held_out import Losses, compare, cross_validated
 from lpvobs.discovery.inside import settled
 from lpvobs.discovery.joint_choice import Accepted, at_its_end, choose_again, choose_all_again, finished
 from lpvobs.discovery.linear import Linear
-from lpvobs.discovery.normal import gram_of
 from lpvobs.discovery.ranking import (
     best_of,
     chance_of_nothing,
@@ -31,7 +30,7 @@ from lpvobs.discovery.ranking import (
     structure,
 )
 from lpvobs.discovery.residual import Problem, Term
-from lpvobs.discovery.sizes import change_of
+from lpvobs.discovery.sizes import forget
 from lpvobs.engines.effects import Effect
 
 Once = Callable[..., Any]  # returns what work on the same objects gives, or gave before
@@ -103,8 +102,7 @@ def select(problem: Problem, progress: Callable[[float], None] = lambda _: None)
         for i, c in enumerate(accepted)
         for forms in [search.forms if final.terms[i].effect in search.forms else rivals.as_good if c in named else ()]
     )
-    change_of.cache_clear()
-    gram_of.cache_clear()
+    forget()
     progress(1.0)
     ranking, leading = (_each_once(found) for found in (search.ranking, (*search.on_the_way, *search.ranking)))
     needed = drives_needed(tried, problem) if search.verdict == "none" else None

@@ -7,6 +7,7 @@ import numpy as np
 
 from lpvobs.discovery.imbalances import change_of_residual
 from lpvobs.discovery.linear import Linear, dot
+from lpvobs.discovery.normal import gram_of
 from lpvobs.discovery.thresholds import EFFECT_STEP, SIZE_PASSES, STILL, STRAIGHT, STRONG
 from lpvobs.engines.effects import Effect
 from lpvobs.records import Array
@@ -25,6 +26,12 @@ def change_of(linear: Linear, effect: Effect, size: float) -> Array:
         found = change_of_residual(linear.problem, effect, linear.scenes, scenes, linear.theta, linear.from_signals)
     found.setflags(write=False)  # it is kept
     return found
+
+
+def forget() -> None:
+    """Let go of what is kept of the last model: of an hour of driving it holds hundreds of megabytes."""
+    change_of.cache_clear()
+    gram_of.cache_clear()
 
 
 def slope_of(linear: Linear, effect: Effect, size: float, here: Array | None = None) -> Array:

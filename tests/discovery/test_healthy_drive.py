@@ -84,7 +84,7 @@ def test_the_function_goes_along_with_a_corrected_channel(healthy, plant, config
     laid = lay_out(plant, config.grid(), prior, [other(2)])
     problem, s = healthy.taken_off(laid), laid.signals
     away = replace(laid, signals=s.corrected(channel, 1.0003 * s[channel], 1.0003 * s.rate[channel]))
-    expected = [healthy.expected(each, healthy.along(each))[0] for each in (laid, away)]
+    expected = [healthy.expected(each)[0] for each in (laid, away)]
     change = moved(problem, away.signals)
     assert np.abs(change).max() > 1e-10
     seen = change.reshape(len(problem.shown), 2, -1).mean(1)
@@ -545,7 +545,7 @@ def test_fast_errors_last_as_long_at_any_spacing(laid_out, clean, healthy):
     assert found[0] > 10.0 * problem.spacing
     assert found[1] == pytest.approx(found[0], rel=0.25)
     far = replace(problem, time=4.0 * problem.time)
-    (_, near_wider), (_, far_wider) = (healthy.expected(each, healthy.along(each)) for each in (problem, far))
+    (_, near_wider), (_, far_wider) = (healthy.expected(each) for each in (problem, far))
     np.testing.assert_allclose(
         far_wider,
         near_wider
