@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from lpvobs.discovery.courses import Curve, FactorSurface, Shape
 from lpvobs.discovery.evidence import Candidate, fit_candidate
 from lpvobs.discovery.fit import linearised
+from lpvobs.discovery.forms import Factor, shape_of
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.places import averaged
 from lpvobs.discovery.residual import Problem, Term
@@ -84,7 +85,8 @@ def _fitted(
 def along_channel(curve: Curve, carrier: Effect, shape: Array) -> Effect:
     """Return the effect whose size follows a curve over a channel, column by column; its parameter is the multiple of the curve."""
     drive = f"drives on which channel {curve.channel} changes independently of the other channels"
-    return replace(following(f"channel:{curve.channel}", carrier, lambda *_: shape, 0.2, 5.0), drive=drive)
+    follows = following(f"channel:{curve.channel}", carrier, lambda *_: shape, 0.2, 5.0)
+    return replace(follows, drive=drive, known_as=shape_of(carrier, Factor(curve.channel, curve.of)))
 
 
 def following(
@@ -234,7 +236,9 @@ def driven_by(curve: ComponentCurve, surface: FactorSurface) -> Effect:
     def shape(constants: Any, x: Mapping[str, Array]) -> Array:
         return values_at(on_surface(surface.first, surface.second, *curve.inputs(constants, x)), surface.values)
 
-    return following(curve.id, curve.carrier, shape, curve.deviation, LARGEST * curve.deviation)
+    follows = following(curve.id, curve.carrier, shape, curve.deviation, LARGEST * curve.deviation)
+    # one over two inputs has a size that no other has: it is known by its place alone
+    return replace(follows, known_as=(curve.carrier.id, curve.id) if surface.single else (curve.carrier.place,))
 
 
 def _smooth(

@@ -166,12 +166,13 @@ def _told(linear: Linear, term: Term, information: float, unevenness: float) -> 
 
 
 def _told_of_shape(linear: Linear, term: Term, unevenness: float) -> float:
-    """Return the share of the gain of a component's curve that is left beside its factor and its shape, which vary by day.
+    """Return the share of the gain of what follows an input that is left beside its carrier and its shape, which vary by day.
 
-    What the factor, as far as it varies, may explain of the curve is taken off.
+    What the carrier, as far as it varies, may explain of it is taken off.
     """
     problem, on = linear.problem, term.acts(linear.problem.clock).astype(float)
-    (carrier,) = (curve.carrier for curve in problem.model.curves if curve.id == term.effect.id)
+    of_carrier, of_shape = problem.known_as(term)
+    carrier = next(effect for effect in problem.catalogue if effect.id == of_carrier)
     slopes = [slope_of(linear, effect, effect.null) * on for effect in (term.effect, carrier)]
     (curved, level), ((own, both), (_, factor)) = linear.beside(linear.whiten(np.stack(slopes)))
     if not (own > 0.0 and factor > 0.0 and curved != 0.0):
@@ -181,7 +182,7 @@ def _told_of_shape(linear: Linear, term: Term, unevenness: float) -> float:
     taken = both / factor * varies / (1.0 + varies)
     left, kept = curved - taken * level, own - taken * both
     share = min((left**2 / kept) / (curved**2 / own), 1.0) if kept > 0.0 else 0.0
-    return float(share / (1.0 + problem.seems(term, kept / uneven, term.effect.id)))
+    return float(share / (1.0 + problem.seems(term, kept / uneven, of_shape)))
 
 
 def elsewhere_of(linear: Linear) -> float:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from lpvobs.discovery import thresholds
 from lpvobs.discovery.evidence import Candidate, best_first, fit_candidate, score, with_best_interval
 from lpvobs.discovery.fit import fit, linearised, objective, refit
-from lpvobs.discovery.forms import NAME, TIME, Factor, Form, along_problem, recorded_at, rms
+from lpvobs.discovery.forms import NAME, TIME, Factor, Form, along_problem, carrier_of, recorded_at, rms, shape_of
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.places import moves
 from lpvobs.discovery.residual import Problem
@@ -39,6 +39,24 @@ class _Lot:
 
     def gains(self, y: Array, shapes: Array) -> tuple[Array, Array, Array]:
         """Return the gain of every shape times y, shape (M,), the gain of the shape less its best reference, and that reference."""
+        slope, left, cross, both = self._against(y, shapes)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            shape, constant = cross * slope[0] - left[0] * slope[1:], cross * slope[1:] - left[1:] * slope[0]
+            referred = -0.5 * (slope[1:] * shape + slope[0] * constant) / both
+            return 0.5 * slope[1:] ** 2 / left[1:], np.nan_to_num(referred), np.nan_to_num(-constant / shape)
+
+    def beside(self, y: Array, shapes: Array) -> Array:
+        """Return every shape times y beside y, (M,), in standard deviations of noise; NaN where the drive cannot tell them."""
+        slope, left, cross, both = self._against(y, shapes)
+        with np.errstate(invalid="ignore"):
+            found = (left[0] * slope[1:] - cross * slope[0]) / np.sqrt(left[0] * both)
+        return np.where(np.isfinite(both), found, np.nan)
+
+    def _against(self, y: Array, shapes: Array) -> tuple[Array, Array, Array, Array]:
+        """Return slopes and information of y and of every shape times y, (1 + M,), their products, (M,), and determinants.
+
+        Information and determinants are infinite where the drive cannot tell the direction.
+        """
         rows = np.vstack([y, shapes * y])
         products = np.hstack([self.nodes.T.dot(rows.T).T, rows @ self.columns])
         white = scipy.linalg.solve_triangular(self.linear.factor, products.T, lower=True, check_finite=False)
@@ -47,12 +65,9 @@ class _Lot:
         left = own - (white**2).sum(0)
         left = np.where(left > thresholds.FORM_SEEN * np.abs(own), left, np.inf)
         cross = rows[1:] * y @ self.power - white[:, 1:].T @ white[:, 0]
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(invalid="ignore"):
             both = left[1:] * left[0] - cross**2
-            both = np.where(both > thresholds.FORM_SEEN * left[1:] * left[0], both, np.inf)
-            shape, constant = cross * slope[0] - left[0] * slope[1:], cross * slope[1:] - left[1:] * slope[0]
-            referred = -0.5 * (slope[1:] * shape + slope[0] * constant) / both
-            return 0.5 * slope[1:] ** 2 / left[1:], np.nan_to_num(referred), np.nan_to_num(-constant / shape)
+            return slope, left, cross, np.where(both > thresholds.FORM_SEEN * left[1:] * left[0], both, np.inf)
 
 
 @dataclass(frozen=True)
@@ -172,6 +187,28 @@ def best_forms(linear: Linear, found: Sequence[Candidate]) -> list[Candidate]:
     return best_first(_fitted(linear, library, t.form, before) for t in tried if t.score > least or t is tried[0])
 
 
+def shapes_shown(linear: Linear, *begins: float) -> dict[str, list[tuple[float, float]]]:
+    """Return gradient and information, in units of noise, of the sensor's error where it follows a factor from each begin on.
+
+    The carrier, an error of the sensor that follows nothing, is free beside it. Names are those of `shape_of`.
+    """
+    problem, library = linear.problem, _library(linear.problem)
+    found: dict[str, list[tuple[float, float]]] = {}
+    for relative in (True, False):
+        if (carrier := carrier_of(problem.model, relative)) is None:
+            continue
+        factors = (Factor(SENSOR),) if relative else ()
+        y = _along_pools(Form("", factors), problem, library.first)
+        seen = [_lot(linear, Form(SENSOR), library.first, begin).beside(y, library.shapes) for begin in begins]
+        each = zip(library.factors, np.transpose(seen), strict=True)
+        found |= {
+            shape_of(carrier, factor)[1]: [(float(z), 1.0) for z in own]
+            for factor, own in each
+            if np.isfinite(own).all()
+        }
+    return found
+
+
 def _leading(tried: Sequence[_Tried], most: int) -> list[_Tried]:
     return sorted((each for each in tried if each.score > -np.inf), key=lambda each: -each.score)[:most]
 
@@ -251,10 +288,10 @@ def _along_pools(form: Form, problem: Problem, first: NDArray[np.int64]) -> Arra
     return np.asarray(np.add.reduceat(along_problem(form, problem), first) / np.diff(first, append=problem.K))
 
 
-def _lot(linear: Linear, target: Form, first: NDArray[np.int64]) -> _Lot:
+def _lot(linear: Linear, target: Form, first: NDArray[np.int64], begin: float = -np.inf) -> _Lot:
     problem = linear.problem
     effect = _effect(target, problem, np.ones(problem.K))
-    white = linear.whiten(slope_of(linear, effect, effect.null))
+    white = linear.whiten(slope_of(linear, effect, effect.null) * (problem.clock >= begin))
     signed = white * np.array([1.0, -1.0])[:, None, None]
     nodes, weights = linear.nodes
     on_map = -(linear.mapped * white[0]).sum(0)[:, None] * weights

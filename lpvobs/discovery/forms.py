@@ -7,7 +7,7 @@ an identifier, and all that is needed to build the form again. Its coefficient i
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -119,8 +119,25 @@ class Form:
         return Effect(
             self.id(model.units), "coefficient", self.unit(model), 0.0, size, -most, most, place, change,
             f"drives with changes of {moving} that are independent of the other channels",
-            moves_point=self.target in (model.fuel, model.speed),
+            moves_point=self.target in (model.fuel, model.speed), known_as=self._known_as(model),
         )  # fmt: skip
+
+    def _known_as(self, model: ResidualModel) -> tuple[str, ...]:
+        own = self.factors[self.relative :]
+        carrier = carrier_of(model, self.relative)
+        return shape_of(carrier, own[0]) if carrier and len(own) == 1 and self.target == SENSOR else ()
+
+
+def carrier_of(model: ResidualModel, relative: bool) -> Effect | None:
+    """Return the effect by which the reading is off by a share of itself, or by a constant; None where none is listed."""
+    parameter = "factor" if relative else "offset"
+    return next((e for e in model.catalogue if e.place == "sensor" and e.parameter == parameter), None)
+
+
+def shape_of(carrier: Effect, factor: Factor) -> tuple[str, str]:
+    """Return the names of what healthy drives tell of an effect whose size follows a factor: itself, and that shape beside it."""
+    tau = min(thresholds.FORM_LAGS, key=lambda tau: abs(np.log(tau / factor.tau))) if factor.of == "lag" else 0.0
+    return carrier.id, f"{carrier.id} ~ {replace(factor, tau=tau, reference=0.0).text({})}"
 
 
 def unit_of(signal: str, units: Mapping[str, str]) -> str:

@@ -77,7 +77,9 @@ class HealthyDrive:
         Item("1", "deviation of each of the engine's unknowns from the value beside the map, relative", ("unknown",)),
     ]
     covariance: Annotated[Array, Item("1", "covariance of these deviations", ("unknown", "other_unknown"))]
-    effects: Annotated[tuple[str, ...], Item("1", "effect of the catalogue, or curve of a component", name="effect")]
+    effects: Annotated[
+        tuple[str, ...], Item("1", "effect, curve of a component, or what a form follows", name="effect")
+    ]
     whole: Annotated[
         Array,
         Item("1", "standard deviation beyond noise of its size on healthy drives, in its unit", ("effect",), gaps=True),

@@ -18,6 +18,7 @@ from lpvobs.discovery import thresholds
 from lpvobs.discovery.curves import is_recorded, shape_shown
 from lpvobs.discovery.evidence import elsewhere_of, first_order
 from lpvobs.discovery.fit import fit
+from lpvobs.discovery.form_search import shapes_shown
 from lpvobs.discovery.healthy_drive import (
     HealthyDrive,
     by_constants,
@@ -48,15 +49,16 @@ def learned(model: ResidualModel, grid: Grid, prior: MapPrior, logs: Sequence[Lo
     """
     parts = halves(logs[0]) if len(logs) == 1 else list(logs)
     judged = [_judged(model, grid, prior, parts[:i] + parts[i + 1 :], log) for i, log in enumerate(parts)]
-    seen_by, curves_by, data, uneven = zip(*judged, strict=True)
-    effects, whole, late, beyond = _beyond_on_drives(seen_by, float(np.mean(data)))
-    curves, _, _, of_shape = _beyond_on_drives(curves_by, float(np.mean(data)))
-    common, no_size = float(beyond.mean()), np.full(len(curves), np.nan)  # all shapes together have none
-    whole, late, beyond = (np.concatenate(both) for both in ((whole, no_size), (late, no_size), (beyond, of_shape)))
+    *seen_by, data, uneven = zip(*judged, strict=True)
+    (effects, whole, late, beyond), *shapes = (_beyond_on_drives(each, float(np.mean(data))) for each in seen_by)
+    (curves, *_, of_curve), (forms, *_, of_form) = shapes
+    common, no_size = float(beyond.mean()), np.full(len(curves) + len(forms), np.nan)  # shapes have none
+    whole, late = np.append(whole, no_size), np.append(late, no_size)
     found = learned_from(model, grid, prior, parts)
     return replace(
-        found, logs=tuple(log.name for log in logs), effects=(*effects, *curves), whole=whole, late=late, beyond=beyond,
-        common=common, uneven=max(1.0, *uneven), seconds=float(np.mean([log.time[-1] - log.time[0] for log in logs])),
+        found, logs=tuple(log.name for log in logs), effects=(*effects, *curves, *forms), whole=whole, late=late,
+        beyond=np.concatenate([beyond, of_curve, of_form]), common=common, uneven=max(1.0, *uneven),
+        seconds=float(np.mean([log.time[-1] - log.time[0] for log in logs])),
     )  # fmt: skip
 
 
@@ -72,8 +74,8 @@ def _beyond_on_drives(seen_by: Sequence[Scores], data: float) -> tuple[tuple[str
 
 def _judged(
     model: ResidualModel, grid: Grid, prior: MapPrior, others: Sequence[Log], log: Log
-) -> tuple[Scores, Scores, float, float]:
-    """Return what a drive shows of each effect and of each curve, as others see it; how much data; how uneven."""
+) -> tuple[Scores, Scores, Scores, float, float]:
+    """Return what a drive shows of each effect, curve and form, as others see it; how much data; how uneven."""
     seen = learned_from(model, grid, prior, others)
     laid = seen.taken_off(lay_out(seen.engine(model), grid, prior.beside(seen.deviation), [log], spacing=seen.spacing))
     linear, middle = fit(laid, passes=2), 0.5 * float(laid.clock[0] + laid.clock[-1])
@@ -81,9 +83,10 @@ def _judged(
     recorded = [curve for curve in laid.model.curves if is_recorded(laid, curve)]
     effects = {effect.id: first_order(linear, effect, *spans) for effect in laid.catalogue}
     curves = {curve.id: [shape_shown(linear, curve, begin) for begin, _ in spans] for curve in recorded}
+    forms = shapes_shown(linear, -np.inf, middle)
     uneven = elsewhere_of(linear)
     forget()
-    return effects, curves, laid.data, uneven
+    return effects, curves, forms, laid.data, uneven
 
 
 def by_all_balances(model: ResidualModel, grid: Grid, prior: MapPrior, logs: Sequence[Log]) -> Array:

@@ -9,7 +9,7 @@ import scipy
 from numpy.typing import NDArray
 
 from lpvobs.discovery import thresholds
-from lpvobs.discovery.courses import FactorSurface, Shape, TracedCourse, state
+from lpvobs.discovery.courses import Shape, TracedCourse, state
 from lpvobs.discovery.map_prior import MapPrior
 from lpvobs.discovery.patterns import Patterns, Seeming
 from lpvobs.discovery.places import Places, blocks_of_logs, instants_of, kept_back, starts, stretches
@@ -150,15 +150,11 @@ class Problem(Places):
     def known_as(self, term: "Term") -> tuple[str, ...]:
         """Return the effects that tell what a healthy engine seems to have of a term: itself, most often.
 
-        Of a component's curve over one input it is the component's factor and, where healthy drives show that, its shape. One
-        over two inputs has a size that no other has: it is known by its place alone.
+        Of what follows one input it is the effect that does so, and the shape beside that. What healthy drives do not show is
+        known by its place alone.
         """
-        surface, curve = term.curve, self.model.curve(term.effect.id)
-        if curve is None or not isinstance(surface, FactorSurface):
-            return (term.effect.id,)
-        if not surface.single:
-            return (term.effect.place,)
-        return (curve.carrier.id, curve.id) if curve.id in self.seeming.effects else (curve.carrier.id,)
+        names = term.effect.known_as or (term.effect.id,)
+        return names if all(name in self.seeming.effects for name in names) else (term.effect.place,)
 
     def seems(self, term: "Term", information: float, name: str = "") -> float:
         """Return the variance of the size that a healthy engine seems to have of an effect, over that of noise, 1/information.

@@ -101,6 +101,8 @@ class Effect:
     # show how the balances respond to it
     unlearned: float = 0.0
     straight: bool = False  # whether all balances change in proportion to how far the parameter is from `null`
+    # by what healthy drives tell how it varies where that is not itself: another effect, and the shape that it has beside that one
+    known_as: tuple[str, ...] = ()
 
     def having(self, value: float) -> "Effect":
         """Return the effect with another value of the constant inside it; raises TypeError if there is none."""

@@ -124,10 +124,10 @@ def test_a_curve_pays_its_price_from_what_is_told_of_it(linear, curve, surface):
     assert chance(paid, problem) == pytest.approx(chance(plain, problem))  # half of 100 less the cost, either way
 
 
-def test_a_curve_of_which_healthy_drives_tell_nothing_is_told_as_its_factor(linear, curve, surface):
+def test_a_curve_of_which_healthy_drives_tell_nothing_is_known_by_its_place(linear, curve, surface):
     data = linear.problem.data
-    factor = Seeming(effects={curve.carrier.id: 3.0 / data})
-    assert told(linear, curve, surface, factor) == pytest.approx(0.25)
+    alone = Seeming(effects={curve.carrier.id: 1.0 / data}, places={curve.carrier.place: 3.0 / data})
+    assert told(linear, curve, surface, alone) == pytest.approx(0.25)
 
 
 def test_a_curve_in_the_model_is_told_as_it_was_without_it(linear, curve, surface):
@@ -145,7 +145,9 @@ def test_a_curve_in_the_model_is_told_as_it_was_without_it(linear, curve, surfac
 def test_a_curve_over_two_inputs_is_known_by_what_acts_in_its_place(linear, curve, surface):
     """At nodes where a drive hardly was, neither a factor's size nor the shape over one input tells how far it varies."""
     known = Seeming(
-        whole={curve.carrier.id: 1e-9}, effects={curve.id: 0.0}, places={curve.carrier.place: 3.0 / linear.problem.data}
+        whole={curve.carrier.id: 1e-9},
+        effects={curve.carrier.id: 1e9, curve.id: 0.0},
+        places={curve.carrier.place: 3.0 / linear.problem.data},
     )
     plane = replace(surface, single=False)
     assert told(linear, curve, surface, known) == pytest.approx(1.0, rel=0.01)
