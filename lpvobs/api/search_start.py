@@ -18,14 +18,13 @@ from lpvobs.discovery.thresholds import HEALTHY_LEAST, HEALTHY_SECONDS, LEAST_LE
 from lpvobs.engines.residual_model import ResidualModel
 from lpvobs.engines.unknowns import LeftAtNodes, Unknowns
 from lpvobs.errors import DataError
-from lpvobs.io.logs.reading import LogFile
+from lpvobs.io.logs.reading import read_log
 from lpvobs.io.results.engines import EngineOfMap
 from lpvobs.io.results.mapping import write
 from lpvobs.io.results.refinements import StoredRefinement
 from lpvobs.io.results.results import StoredResult, read_result, update
 from lpvobs.maps.grid import Grid
-from lpvobs.observer.log_run import Beginning
-from lpvobs.records import Array, Log, gathered
+from lpvobs.records import Array, Log
 
 
 @dataclass(frozen=True)
@@ -158,8 +157,9 @@ def learn_healthy(out: Path, names: Mapping[Path, str], outliers: Sequence[str])
             if names[path] in outliers or missing < HEALTHY_LEAST:
                 continue
             with suppress(DataError):
-                file = LogFile(path, engine.air_path.channels, engine.config.reading)
-                logs.append(gathered(Beginning(file, missing)))
+                logs.append(
+                    read_log(path, engine.air_path.channels, engine.config.reading, auxiliary=True, seconds=missing)
+                )
                 missing -= logs[-1].time[-1] - logs[-1].time[0]
         if model.blocks or HEALTHY_SECONDS - missing < HEALTHY_LEAST:
             return

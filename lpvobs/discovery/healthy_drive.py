@@ -116,7 +116,8 @@ class HealthyDrive:
         The noise of a signal is in the residual of its own view, and independent of the other's.
         """
         s, K = problem.signals, problem.K
-        along = np.stack([*(s[name] for name in self.channels), *(s.rate[name] for name in self.rates)], axis=1)
+        values = (problem.over_all(name, usual) for name, usual in zip(self.channels, self.middle, strict=False))
+        along = np.stack([*values, *(s.rate[name] for name in self.rates)], axis=1)
         scaled = np.clip((along - self.middle) / self.spread, -thresholds.FAR, thresholds.FAR)
         return np.asarray(scaled.reshape(2, K, -1)[::-1])
 
@@ -222,7 +223,8 @@ class HealthyDrive:
         c = len(self.channels)
         slopes = np.moveaxis(np.mean([self._slopes(view) for view in self.inputs(problem)], axis=0) / self.spread, 2, 0)
         by_rate = dict(zip(self.rates, slopes[c:], strict=True))
-        return {name: (by_value, by_rate[name]) for name, by_value in zip(self.channels, slopes[:c], strict=True)}
+        by_value = zip(self.channels, slopes[:c], strict=True)
+        return {name: (slope, by_rate[name]) for name, slope in by_value if name in by_rate}
 
     def _slopes(self, inputs: Array) -> Array:
         """Return the derivatives of the function of every balance by its inputs, shape (n, c + r), shape (B, n, c + r)."""

@@ -239,10 +239,14 @@ def _known_to(model: ResidualModel, information: Array) -> Array:
 
 def _bare(problem: Problem, logs: Sequence[str]) -> HealthyDrive:
     """Return where bells that reach as far along every channel stand on the drives, before anything is learned."""
-    s, none = problem.signals, np.zeros(0)
+    s, none, units = problem.signals, np.zeros(0), problem.model.units
     moving = tuple(name for name in problem.measured if moves(s[name]))
-    channels = tuple(name for name in moving if name != SENSOR)
-    along = np.stack([*(s[name] for name in channels), *(s.rate[name] for name in moving)], axis=1)
+    # an engine that is not warm yet breathes otherwise, and temperatures that only logs have tell it
+    states = tuple(
+        name for name, x in problem.auxiliary.items() if units.get(name) == "K" and np.isfinite(x).all() and moves(x)
+    )
+    channels = (*(name for name in moving if name != SENSOR), *states)
+    along = np.stack([*(problem.over_all(name) for name in channels), *(s.rate[name] for name in moving)], axis=1)
     bare = HealthyDrive(
         logs=tuple(logs), balances=problem.model.balances, channels=channels, rates=moving, middle=along.mean(0),
         spread=along.std(0), centres=none, lengths=none,

@@ -179,6 +179,13 @@ class Problem(Places):
         place = np.searchsorted(self.blocks.edges[1], self.blocks.clock, side="left")
         return np.asarray(values[np.minimum(place, self.K - 1)])
 
+    def over_all(self, name: str, usual: float = np.nan) -> Array:
+        """Return a channel of the engine, or one of the logs' own, by column of the signals; a usual value where logs lack it."""
+        if name in self.signals.value:
+            return self.signals[name]
+        values = self.auxiliary.get(name, np.full(self.K, np.nan))
+        return self.over_columns(np.where(np.isfinite(values), values, usual))
+
     def inputs(self) -> dict[str, Array]:
         """Return every channel but the sensor under test, at the places."""
         return {name: self.along(name) for name in self.measured if name != SENSOR}

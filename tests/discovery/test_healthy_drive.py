@@ -594,3 +594,42 @@ def test_an_effect_whose_derivative_is_noise_halfway_is_found_at_its_size(
     calls.clear()
     noise.append(2)  # at the size after the first step, where the search once ended, at a tenth of the true size
     assert fit_candidate(linear, effect).term.size - 1.0 > 0.5 * (anywhere.term.size - 1.0)
+
+
+@pytest.fixture(scope="module")
+def warming(clean):
+    """Return a function from two temperatures to a drive whose coolant goes from one to the other while the filling falls by it."""
+
+    def drive(begin, end, seed, **channels):
+        coolant = np.linspace(begin, end, len(clean))
+        noise = 1.0 + 0.005 * np.random.default_rng(seed).standard_normal(len(clean))
+        reading = clean["W_maf"] * noise * (1.0 - 1e-3 * (coolant - 350.0))
+        auxiliary = {"T_coolant": coolant, **channels}
+        return replace(
+            clean, name=f"drive{seed}", channels={**clean.channels, "W_maf": reading}, auxiliary=auxiliary,
+            units={**clean.units, "T_coolant": "K", "T_still": "K", "humidity": "%"},
+        )  # fmt: skip
+
+    return drive
+
+
+def test_a_healthy_engine_is_a_function_of_how_warm_it_is(plant, config, prior, warming):
+    """Drives that began colder than any healthy one were told to have a fault that ends."""
+    still = {
+        "T_still": np.full(len(warming(1, 2, 0)), 300.0),
+        "humidity": np.linspace(30.0, 60.0, len(warming(1, 2, 0))),
+    }
+    problem = lay_out(plant, config.grid(), prior, [warming(320.0, 360.0, 1, **still)])
+    shown = left_of(problem, ["drive1"])
+    assert "T_coolant" in shown.channels
+    assert not {"T_still", "humidity"} & {*shown.channels}
+    sensor = slice(0, 2)
+    alike, cold = (
+        lay_out(plant, config.grid(), prior, [warming(begin, end, 2)])
+        for begin, end in ((320.0, 360.0), (270.0, 300.0))
+    )
+    (_, known), (_, unknown) = (shown.expected(each)[:, sensor] for each in (alike, cold))
+    assert np.median(unknown) > 2.0 * np.median(known)
+    without = replace(alike, auxiliary={})  # a log that lacks it is taken for one as warm as usual
+    assert np.isfinite(shown.expected(without)).all()
+    assert set(shown.taken_off(alike).follows) == {*shown.channels} - {"T_coolant"}

@@ -107,18 +107,36 @@ class LogFile:
             )
 
 
-def read_log(path: Path, channels: Mapping[str, Channel], policies: LogPolicies, auxiliary: bool = False) -> Log:
-    """Return the log in a Parquet file, in SI units, with defects treated as the policies say; raises DataError for no such log."""
-    # The channels are what the engine's air path needs; `auxiliary` reads the other numeric ones, too, references never.
-    file = LogFile(path, channels, policies)
+def read_log(
+    path: Path, channels: Mapping[str, Channel], policies: LogPolicies, auxiliary: bool = False, seconds: float = np.inf
+) -> Log:
+    """Return the log in a Parquet file, in SI units, with defects treated as the policies say; raises DataError for no such log.
+
+    The channels are what the engine's air path needs; `auxiliary` reads the other numeric ones, too, references never. Of a
+    beginning of so many `seconds` they are left out where they do not fit into memory.
+    """
+    file, whole = LogFile(path, channels, policies), not np.isfinite(seconds)
     once = (field for field in file.schema if auxiliary and len(file.schema.get_all_field_indices(field.name)) == 1)
     numbers = {field.name: parquet.unit_of(field) for field in once if parquet.is_numeric(field.type)}
     extra = [name for name in numbers if name not in file.units and not name.startswith("ref_")]
-    parquet.refuse_huge(path, parquet.metadata_of(path).num_rows, len(file.units) + len(extra))
-    ((table, rows, piece),) = file.slabs(extra, parquet.MOST_READINGS)
-    others = {name: parquet.as_floats(table.column(name))[rows] for name in extra}
+    if whole:
+        parquet.refuse_huge(path, parquet.metadata_of(path).num_rows, len(file.units) + len(extra))
+    elif SLAB * (len(file.units) + len(extra)) > parquet.MOST_READINGS:
+        extra = []
+    pieces: list[Piece] = []
+    read: list[tuple[NDArray[np.int64], list[Array]]] = []
+    before = 0
+    for table, rows, piece in file.slabs(extra, parquet.MOST_READINGS if whole else SLAB):
+        n = int(np.searchsorted(piece.time, (pieces or [piece])[0].time[0] + seconds))
+        pieces.append(Piece(piece.time[:n], {name: x[:n] for name, x in piece.channels.items()}, piece.begins[:n]))
+        read.append((before + rows[:n], [parquet.as_floats(table.column(name))[rows[:n]] for name in extra]))
+        before += table.num_rows
+        if n < piece.time.size:
+            break
+    where, columns = zip(*read, strict=True)
+    others = {name: np.concatenate(each) for name, *each in zip(extra, *columns, strict=True)}
     units = {name: numbers[name] for name in extra if numbers[name]}
-    return replace(gathered(file, policies.right([piece])), auxiliary=others, rows=rows, units=units)
+    return replace(gathered(file, policies.right(pieces)), auxiliary=others, rows=np.concatenate(where), units=units)
 
 
 def read_references(path: Path, rows: NDArray[np.int64]) -> dict[str, Array] | None:

@@ -133,3 +133,25 @@ def test_logs_are_found_by_name_pattern_and_folder(tmp_path, monkeypatch):
     for nothing in ("*.csv", "b/deep/deeper/*"):
         with pytest.raises(UsageError, match="no log here"):
             found(nothing)
+
+
+@pytest.mark.parametrize("most", [50, 1000])
+def test_a_beginning_is_the_first_seconds_of_the_log_with_its_own_channels(write, columns, monkeypatch, most):
+    monkeypatch.setattr(reading, "SLAB", most)
+    columns["p_im"][30] = np.nan  # a sample that is left out
+    path = write(columns | {"T_coolant": np.linspace(300.0, 360.0, columns["time"].size)}, {"T_coolant": "K"})
+    whole, begins = (read_log(path, Diesel.channels, LogPolicies(), auxiliary=True, seconds=s) for s in (np.inf, 1.2))
+    n = int(np.searchsorted(whole.time, whole.time[0] + 1.2))
+    assert len(begins) == n < len(whole)
+    assert begins.units == whole.units == {"T_coolant": "K"}
+    for name, values in {"time": whole.time, "rows": whole.rows}.items():
+        np.testing.assert_array_equal(getattr(begins, name), values[:n])
+    for name in Diesel.channels:
+        np.testing.assert_array_equal(begins[name], whole[name][:n])
+    np.testing.assert_array_equal(begins.auxiliary["T_coolant"], whole.auxiliary["T_coolant"][:n])
+
+
+def test_a_beginning_with_more_channels_than_fit_has_those_of_the_engine_alone(write, columns, monkeypatch):
+    path = write(columns | {"T_coolant": np.full(columns["time"].size, 300.0)}, {"T_coolant": "K"})
+    monkeypatch.setattr(reading.parquet, "MOST_READINGS", reading.SLAB * (len(Diesel.channels) + 1))
+    assert not read_log(path, Diesel.channels, LogPolicies(), auxiliary=True, seconds=1.2).auxiliary
