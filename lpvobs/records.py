@@ -70,6 +70,10 @@ class Piece:
     channels: Mapping[str, Array]  # (n,) as in `Log`
     begins: NDArray[np.bool_]  # (n,) true where a segment begins; the first piece begins with one
 
+    def first(self, n: int) -> "Piece":
+        """Return the first n samples."""
+        return Piece(self.time[:n], {name: column[:n] for name, column in self.channels.items()}, self.begins[:n])
+
 
 class Recording(Protocol):
     """A drive to be gone through from beginning to end; how it is cut into pieces changes no bit of what comes of it."""

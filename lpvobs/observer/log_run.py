@@ -87,8 +87,7 @@ class Beginning:
             kept = int(np.searchsorted(piece.time, until))
             if kept < piece.time.size:
                 self.goes_on = True
-                channels = {name: column[:kept] for name, column in piece.channels.items()}
                 if kept:
-                    yield Piece(piece.time[:kept], channels, piece.begins[:kept])
+                    yield piece.first(kept)
                 return
             yield piece

@@ -128,7 +128,7 @@ def read_log(
     before = 0
     for table, rows, piece in file.slabs(extra, parquet.MOST_READINGS if whole else SLAB):
         n = int(np.searchsorted(piece.time, (pieces or [piece])[0].time[0] + seconds))
-        pieces.append(Piece(piece.time[:n], {name: x[:n] for name, x in piece.channels.items()}, piece.begins[:n]))
+        pieces.append(piece.first(n))
         read.append((before + rows[:n], [parquet.as_floats(table.column(name))[rows[:n]] for name in extra]))
         before += table.num_rows
         if n < piece.time.size:
