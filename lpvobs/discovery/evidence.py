@@ -13,7 +13,7 @@ from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.normal import pins
 from lpvobs.discovery.residual import Term
 from lpvobs.discovery.sizes import best_trial, blur, change_of, is_clear, slope_of
-from lpvobs.discovery.thresholds import COST, LEAST_LENGTH, START, STRETCH, STRONG
+from lpvobs.discovery.thresholds import COST, DATED, LEAST_LENGTH, START, STRETCH, STRONG
 from lpvobs.engines.effects import Effect
 from lpvobs.records import Array
 
@@ -314,6 +314,27 @@ def dated_again(bare: Linear, term: Term) -> Term:
     i, j = np.unravel_index(int(np.argmax(gains)), gains.shape)
     begin, end = ends_of(bare, int(firsts[i]), int(lasts[j]))
     return replace(term, begin=begin, end=end) if gains[i, j] > 0.0 else term
+
+
+def possible_edges(bare: Linear, term: Term) -> list[tuple[float, float]]:
+    """Return the spans [s] in which each edge of a term may lie: an edge anywhere in a span gains as much, but for `DATED`.
+
+    `bare` is the model without the term.
+    """
+    begins, n = bare.problem.begins, bare.problem.first.size
+    gains = gains_of_intervals(bare, _direction(bare, term.effect, term.size))
+    first = int(np.argmin(np.abs(begins - term.begin))) if np.isfinite(term.begin) else 0
+    last = int(np.argmin(np.abs(begins - term.end))) if np.isfinite(term.end) else n
+    tried = (term.begin, first, gains[:n, last]), (term.end, last, gains[first, :n])
+    return [_run(begins, at, row) for edge, at, row in tried if np.isfinite(edge)]
+
+
+def _run(begins: Array, at: int, gains: Array) -> tuple[float, float]:
+    """Return first and last begin of the run of stretches around one that gain as much."""
+    less = np.flatnonzero(gains < gains[at] - DATED)
+    split = int(np.searchsorted(less, at))
+    first, last = less[split - 1] + 1 if split else 0, less[split] - 1 if split < less.size else begins.size - 1
+    return float(begins[first]), float(begins[last])
 
 
 def _direction(linear: Linear, effect: Effect, size: float) -> Array:

@@ -63,7 +63,7 @@ def linearised(
     derivatives = imbalances.by_unknowns(problem, scenes, terms, beta, each) if near is None else near.by_unknowns
     # what a nearby model with the same weights has whitened is not whitened again, the map only at other operating points
     weighed = near if near is not None and near.noise is noise and near.problem is problem else None
-    white = noise.whiten(derivatives) if weighed is None else weighed.columns[: len(derivatives)]
+    white = _told(noise.whiten(derivatives)) if weighed is None else weighed.columns[: len(derivatives)]
     same_map = weighed if weighed is not None and _equal(nodes, weighed.nodes) else None
     if terms:
         white = np.concatenate([white, noise.whiten(_by_terms(problem, terms, beta, theta))])
@@ -102,6 +102,15 @@ def linearised(
     gradient = bare.products(residual) + drawn(problem, terms, deviation)
     newton_step = scipy.linalg.cho_solve((factor, True), gradient, check_finite=False)
     return replace(bare, normal=normal, factor=factor, gradient=gradient, newton_step=newton_step)
+
+
+def _told(columns: Array) -> Array:
+    """Return whitened derivatives by the unknowns, (u, 2, B, K), with none where they are noise.
+
+    The views of such a derivative differ by more than they have in common, and data that it sees would tell less than nothing.
+    """
+    told = [dot(column, column) > 0.0 for column in columns]
+    return np.asarray(np.where(np.reshape(told, (-1, 1, 1, 1)), columns, 0.0))
 
 
 def _equal(one: imbalances.Nodes, other: imbalances.Nodes) -> bool:

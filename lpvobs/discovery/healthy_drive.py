@@ -4,9 +4,9 @@ No engine is its model. The constants are those that all balances of the healthy
 smooth function of the signals, the same on all drives, and errors that last all day, for minutes, or a few instants; their
 variances are those of largest likelihood. The function is taken off the residual of another drive. What is not known of it, and
 the slow errors, are unknowns of that drive's search with the covariance that healthy drives leave. So are those combinations of
-the engine's constants that the drive can show; where the healthy drives have been, too, the function goes along with the
-constants, and their effect cancels. The fast error widens the noise. Where an effect corrects a channel, the function goes
-along by its derivative.
+the engine's constants that the drive can show; where the healthy drives have been, too, the function goes along with the constants,
+and their effect cancels. So does an error of the map: what healthy drives tell at a node is the sum of both. The fast error widens
+the noise. Where an effect corrects a channel, the function goes along by its derivative.
 
 The function is a Gaussian process: bells over the channels around instants of the healthy drives, and a line over their rates,
 since sensors that are slow when the engine is healthy stay slow. How far a bell reaches along each channel is what makes the
@@ -71,6 +71,10 @@ class HealthyDrive:
     ]
     slow: Annotated[
         Array, Item("kg/s", "standard deviation of the error that lasts all day, and for minutes", ("balance", "error"))
+    ]
+    of_map: Annotated[
+        Array,
+        Item("s^2/kg^2", "information on the sum of the map and what the balances leave, at every node", ("node",)),
     ]
     deviation: Annotated[
         Array,
@@ -194,6 +198,7 @@ class HealthyDrive:
             model=model,
             modes=modes,
             prior=replace(problem.prior, sensitivity=problem.prior.sensitivity @ modes),
+            of_map=self.of_map,
             offset=problem.offset - expected,
             learned=learned,
             bounded=True,

@@ -29,6 +29,7 @@ from lpvobs.discovery.healthy_drive import (
 )
 from lpvobs.discovery.imbalances import imbalances_at, map_along, operating_nodes, scenes_with
 from lpvobs.discovery.likeliest import LEAST_PIECES, START, likeliest, likeliest_lengths, pieces, usual_lengths
+from lpvobs.discovery.linear import on_nodes
 from lpvobs.discovery.map_prior import MapPrior
 from lpvobs.discovery.noise import beyond_usual
 from lpvobs.discovery.places import moves
@@ -167,10 +168,13 @@ def left_of(problem: Problem, logs: Sequence[str]) -> HealthyDrive:
     )
     own = _LearnedBalance(*map(np.array, zip(*each, strict=True)))
     rest = _scales(mean - own.along, problem)
+    scale = np.array([np.median(row[on]) if on.any() else 1.0 for row, on in zip(rest, problem.shown, strict=True)])
+    told = (problem.shown / (scale**2 * np.maximum(own.lasting, 1.0))[:, None]).sum(0)
     return replace(
         bare, weights=own.weights[..., 0], by_constant=own.weights[..., 1:], amplitude=own.amplitude, unsure=own.unsure,
-        scale=np.array([np.median(row[on]) if on.any() else 1.0 for row, on in zip(rest, problem.shown, strict=True)]),
-        slow=own.slow, lasting=problem.spacing * own.lasting, covariance=_known_to(problem.model, own.information.sum(0)),
+        scale=scale, slow=own.slow, lasting=problem.spacing * own.lasting,
+        of_map=on_nodes(operating_nodes(problem, scenes), told[None], problem.prior.mean.size)[0],
+        covariance=_known_to(problem.model, own.information.sum(0)),
     )  # fmt: skip
 
 
@@ -250,7 +254,7 @@ def _bare(problem: Problem, logs: Sequence[str]) -> HealthyDrive:
     bare = HealthyDrive(
         logs=tuple(logs), balances=problem.model.balances, channels=channels, rates=moving, middle=along.mean(0),
         spread=along.std(0), centres=none, lengths=none,
-        weights=none, by_constant=none, amplitude=none, deviation=np.zeros(len(problem.model.names)),
+        weights=none, by_constant=none, amplitude=none, of_map=none, deviation=np.zeros(len(problem.model.names)),
         covariance=none, scale=none, lasting=none, unsure=none, slow=none,
         effects=(), whole=none, late=none, beyond=none,
     )  # fmt: skip

@@ -13,6 +13,8 @@ import scipy
 from numpy.typing import NDArray
 
 from lpvobs.discovery import imbalances, thresholds
+from lpvobs.discovery.evidence import possible_edges
+from lpvobs.discovery.fit import without
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.normal import cholesky, normal_of
 from lpvobs.discovery.patterns import Patterns
@@ -128,15 +130,23 @@ def compare(before: Linear, after: Linear) -> Losses:
 
 
 def undated(linear: Linear) -> NDArray[np.bool_]:
-    """Return the kept stretches that an onset or end falls into, or beside, as seen from the rest, shape (K,)."""
+    """Return the kept stretches that an onset or end may fall into, or beside, as seen from the rest, shape (K,)."""
     problem = linear.problem
     clock = problem.clock
     number = np.cumsum(np.diff(problem.used.astype(np.int64), prepend=0) != 0)  # of the stretch, kept or used
     out = np.zeros(problem.K, dtype=bool)
-    for edge in (edge for term in linear.terms for edge in term.edges if np.isfinite(edge)):
-        beside = ~problem.used & (np.abs(clock - edge) <= thresholds.BLOCK)
+    for low, high in (span for i in range(len(linear.terms)) for span in _edges(linear, i)):
+        beside = ~problem.used & (clock >= low - thresholds.BLOCK) & (clock <= high + thresholds.BLOCK)
         out |= ~problem.used & np.isin(number, number[beside])
     return out
+
+
+def _edges(linear: Linear, index: int) -> Sequence[tuple[float, float]]:
+    """Return the spans [s] that onset and end of a term may lie in; those of a course are taken as they are."""
+    term = linear.terms[index]
+    if term.whole or term.course is not None:
+        return [(edge, edge) for edge in term.edges if np.isfinite(edge)]
+    return possible_edges(without(linear, index), term)
 
 
 def cross_validated(before: Linear, after: Linear) -> Losses:

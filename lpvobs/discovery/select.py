@@ -221,7 +221,9 @@ def _search(
         if not is_proven(best, linear) or best.id in named:
             break
         longer = once(_with_one_more, linear, best, accepted)
-        if longer is None:
+        if longer is None or (
+            accepted and _has_slight(longer[0])
+        ):  # beside a fault, a constant that has changed is no other
             break
         linear, accepted = longer
     needed, linear = pruned(linear, accepted)

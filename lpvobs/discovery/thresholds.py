@@ -243,6 +243,9 @@ names on seed 106607 of the second bank, which gained a quarter to a third of th
 WEAKEST = 15.1
 """[1] Squared distance from none, in standard deviations, that an effect keeps when all are fitted together. Set by choice: one
 in ten thousand by chance."""
+DATED = 2.0
+"""[1] Gain by which two moments must differ to be told apart as the onset of an effect. Set by choice: 95 % of the normal
+distribution. With one moment alone, a gain that begins within a kept stretch was judged as if it had begun 28 s earlier."""
 AGAIN = 0.05
 """[1] Share of the first gain that the same effect must bring at another time to count as coming and going. Set by trial: less is
 what an edge leaves; half of it turns a verdict of run 11."""

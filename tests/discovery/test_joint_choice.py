@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lpvobs.discovery import joint_choice
-from lpvobs.discovery.courses import TracedCourse
+from lpvobs.discovery.courses import TracedCourse, relay
 from lpvobs.discovery.curves import along_channel, channel_candidates
 from lpvobs.discovery.evidence import _told, fit_candidate, in_place
 from lpvobs.discovery.fit import fit, objective, refit, standard_errors, without
@@ -173,3 +173,21 @@ def test_a_lag_below_none_stands_for_something_else_and_a_valve_stuck_shut_for_i
     Damp air was a reading that changes by 2 % a kelvin, the most that is sought.
     """
     assert at_its_end(Term(plant.effect(id_), size)) == ends
+
+
+@pytest.mark.slow
+def test_what_is_proven_in_an_interval_alone_is_tried_on_courses_too(laid_out, plant, clean, monkeypatch):
+    """An offset that came and went with the load was named a gain that does: it was proven in one interval, not all along."""
+    load = relay(clean["u_delta"], *np.quantile(clean["u_delta"], [0.3, 0.6]))
+    problem = laid_out(replace(clean, channels={**clean.channels, "W_maf": clean["W_maf"] + 2e-3 * load}))
+    bare, asked = fit(problem), []
+    gain, offset = plant.effect("maf.gain"), plant.effect("maf.offset")
+    linear = fit(problem, [Term(gain, 1.05, ONSET)])
+    span = ONSET, np.inf
+    monkeypatch.setattr(
+        joint_choice, "rank_in", lambda on, _, *within: [fit_candidate(on, offset, *within)] if within else []
+    )
+    monkeypatch.setattr(joint_choice, "best_course", lambda _, __, own, rivals: asked.append(rivals) or own)
+    monkeypatch.setattr(joint_choice, "is_proven", lambda candidate, _: not candidate.term.whole)
+    joint_choice.choose_again(linear, in_place(linear, 0, fit_candidate(bare, gain, *span)))
+    assert offset in asked[0]

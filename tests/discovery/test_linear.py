@@ -269,23 +269,41 @@ def test_a_fit_that_begins_far_from_its_optimum_ends_there(laid_out, clean, plan
     assert objective(far) < objective(near) + 2.0  # nats: steps end within one
 
 
-def test_a_stretch_in_which_an_effect_begins_is_not_judged(linear):
+def test_a_stretch_in_which_an_effect_begins_is_not_judged(laid_out, plant, clean, misread, linear):
     problem = linear.problem
     clock = problem.clock
     kept = np.flatnonzero(~problem.used)
     inside = kept[kept.size // 2]
-    one = problem.catalogue[0]
-    edge = float(clock[inside])
+    edge, gain = float(clock[inside]), plant.effect("maf.gain")
+    late = misread(clean, clean["W_maf"] * np.where(clean.time < edge, 1.0, 1.1))
+    begun = fit(laid_out(late), [Term(gain, 1.1, begin=edge)])
     goes = TracedCourse("intermittent", intervals=((10.0, 20.0), (30.0, edge)))
-    begun, ended = (
-        replace(linear, terms=(term,)) for term in (Term(one, one.null, begin=edge), Term(one, 0.1, course=goes))
-    )
+    ended = replace(linear, terms=(Term(gain, 1.1, course=goes),))
     out = undated(begun)
     assert out[inside]
     assert not out[problem.used].any()
     assert undated(ended)[out].all()  # an offset of p_im that came and went was judged where its last end was a guess
     assert 0 < out.sum() < kept.size  # other stretches are judged as before
     assert not undated(linear).any()
+
+
+def test_an_onset_may_lie_wherever_it_gains_as_much():
+    """Data told nothing of half a minute, an onset was dated before it, and a kept stretch inside was judged as if it had begun."""
+    begins = np.arange(0.0, 20.0, 2.0)
+    gains = np.array([0.0, 0.0, 90.0, 90.5, 90.3, 91.0, 88.0, 91.0, 10.0, 0.0])
+    assert evidence._run(begins, 3, gains) == (4.0, 10.0)  # what lies behind a stretch that tells is another place
+    assert evidence._run(begins, 0, gains[::-1] * 0.0) == (0.0, 18.0)
+
+
+def test_a_derivative_that_is_noise_tells_nothing_of_an_unknown():
+    """Its two views differed by more than they had in common; the matrix was indefinite, and a pressure 1.4 % off lost its name."""
+    rng = np.random.default_rng(4)
+    told, noise = rng.standard_normal((2, 2, 3, 40))
+    told[1] *= 0.1
+    noise[0] *= 0.1
+    found = fit_module._told(np.stack([told, noise]))
+    np.testing.assert_array_equal(found[0], told)
+    assert not found[1].any()
 
 
 def test_two_effects_that_gain_alike_are_not_told_apart(linear):
