@@ -49,14 +49,19 @@ def _gained(before: Linear, after: Linear) -> tuple[float, Losses]:
 def _is_of_its_own(linear: Linear, newest: Candidate, gained: float) -> bool:
     """Return whether the newest effect is more than what the others leave; it gains so much in blocks not fitted to.
 
-    It is where it keeps some of its gain beside others of another shape, and that is proven, too.
+    It is where it keeps some of its gain beside others of another shape, and that is proven, too. What else is wrong with the same
+    sensor may be the shape of its error.
     """
     *others, last = range(len(linear.terms))
     if any(cancels(linear, i, last) for i in others):
         return False
-    if any(linear.terms[i].effect.id.startswith(("channel:", PREFIX)) for i in others):
-        # a channel or a formula has the shape that came first, no cause's own
-        return gained > thresholds.SHAPE**2 * (_gained(refit(linear, ()), linear)[0] - gained)
+    effects = [term.effect for term in linear.terms]
+    # a channel or a formula has the shape that came first, no cause's own
+    shapeless = any(effects[i].id.startswith(("channel:", PREFIX)) for i in others)
+    if shapeless or any(effects[i].place == effects[last].place for i in others):
+        matters = gained > thresholds.SHAPE**2 * (_gained(refit(linear, ()), linear)[0] - gained)
+        if shapeless or not matters:
+            return matters
     share = own_share(linear, last)
     return share > thresholds.OWN and is_significant(replace(newest, gain=share * newest.gain), linear.problem)
 

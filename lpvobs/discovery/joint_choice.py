@@ -58,8 +58,8 @@ def choose_again(linear: Linear, candidate: Candidate) -> tuple[Candidate, Linea
     if again.term != linear.terms[newest]:
         linear = fit(problem, [*bare.terms, again.term], start=linear)
         bare = without(linear, newest)
-    effects = dict.fromkeys(rival.term.effect for rival in proven if rival.id != again.id)
-    on_course = best_course(linear, bare, again, [effect for effect in effects if effect in problem.catalogue])
+    effects = dict.fromkeys(rival.term.effect for rival in best_first(proven) if rival.id != again.id)
+    on_course = best_course(linear, bare, again, [each for each in effects if each in problem.catalogue][:SHORTLIST])
     if on_course is not again and _is_better(linear, bare, on_course, again):
         return _course_again(fit(problem, [*bare.terms, on_course.term], start=linear), on_course)
     curved = curve_in_place_of(bare, again.term)
