@@ -317,16 +317,17 @@ def dated_again(bare: Linear, term: Term) -> Term:
 
 
 def possible_edges(bare: Linear, term: Term) -> list[tuple[float, float]]:
-    """Return the spans [s] in which each edge of a term may lie: an edge anywhere in a span gains as much, but for `DATED`.
+    """Return the spans [s] in which each edge of a term may lie: with the edge anywhere in it, the gain falls by `DATED` at most.
 
-    `bare` is the model without the term.
+    `bare` is the model without the term. Where its gain is less than that, or no number, the edges stand.
     """
     begins, n = bare.problem.begins, bare.problem.first.size
     gains = gains_of_intervals(bare, _direction(bare, term.effect, term.size))
     first = int(np.argmin(np.abs(begins - term.begin))) if np.isfinite(term.begin) else 0
     last = int(np.argmin(np.abs(begins - term.end))) if np.isfinite(term.end) else n
     tried = (term.begin, first, gains[:n, last]), (term.end, last, gains[first, :n])
-    return [_run(begins, at, row) for edge, at, row in tried if np.isfinite(edge)]
+    known = gains[first, last] > DATED
+    return [_run(begins, at, row) if known else (edge, edge) for edge, at, row in tried if np.isfinite(edge)]
 
 
 def _run(begins: Array, at: int, gains: Array) -> tuple[float, float]:

@@ -105,12 +105,12 @@ def linearised(
 
 
 def _told(columns: Array) -> Array:
-    """Return whitened derivatives by the unknowns, (u, 2, B, K), with none where they are noise.
+    """Return whitened derivatives by the unknowns, (u, 2, B, K), with zeros for those that are plainly noise.
 
-    The views of such a derivative differ by more than they have in common, and data that it sees would tell less than nothing.
+    The two views of such a derivative differ by more than they have in common, so that its information would be negative.
     """
-    told = [dot(column, column) > 0.0 for column in columns]
-    return np.asarray(np.where(np.reshape(told, (-1, 1, 1, 1)), columns, 0.0))
+    noise = [dot(column, column) <= 0.0 for column in columns]
+    return np.asarray(np.where(np.reshape(noise, (-1, 1, 1, 1)), 0.0, columns))
 
 
 def _equal(one: imbalances.Nodes, other: imbalances.Nodes) -> bool:

@@ -74,7 +74,9 @@ class HealthyDrive:
     ]
     of_map: Annotated[
         Array,
-        Item("s^2/kg^2", "information on the sum of the map and what the balances leave, at every node", ("node",)),
+        Item(
+            "s^2/kg^2", "information on the sum of the map's error and what the balances leave", ("node", "other_node")
+        ),
     ]
     deviation: Annotated[
         Array,

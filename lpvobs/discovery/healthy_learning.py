@@ -29,9 +29,9 @@ from lpvobs.discovery.healthy_drive import (
 )
 from lpvobs.discovery.imbalances import imbalances_at, map_along, operating_nodes, scenes_with
 from lpvobs.discovery.likeliest import LEAST_PIECES, START, likeliest, likeliest_lengths, pieces, usual_lengths
-from lpvobs.discovery.linear import on_nodes
 from lpvobs.discovery.map_prior import MapPrior
 from lpvobs.discovery.noise import beyond_usual
+from lpvobs.discovery.normal import map_normal
 from lpvobs.discovery.places import moves
 from lpvobs.discovery.residual import Problem, lay_out
 from lpvobs.discovery.sizes import forget
@@ -169,11 +169,13 @@ def left_of(problem: Problem, logs: Sequence[str]) -> HealthyDrive:
     own = _LearnedBalance(*map(np.array, zip(*each, strict=True)))
     rest = _scales(mean - own.along, problem)
     scale = np.array([np.median(row[on]) if on.any() else 1.0 for row, on in zip(rest, problem.shown, strict=True)])
-    told = (problem.shown / (scale**2 * np.maximum(own.lasting, 1.0))[:, None]).sum(0)
+    # of an instant, in each balance: those of exhaust and turbine do not read the map
+    information = np.where(own.amplitude > 0.0, 1.0 / (scale**2 * np.maximum(own.lasting, 1.0)), 0.0)
+    nodes = operating_nodes(problem, scenes)
     return replace(
         bare, weights=own.weights[..., 0], by_constant=own.weights[..., 1:], amplitude=own.amplitude, unsure=own.unsure,
         scale=scale, slow=own.slow, lasting=problem.spacing * own.lasting,
-        of_map=on_nodes(operating_nodes(problem, scenes), told[None], problem.prior.mean.size)[0],
+        of_map=map_normal(problem.prior.mean.size, nodes, information @ problem.by_reading**2),
         covariance=_known_to(problem.model, own.information.sum(0)),
     )  # fmt: skip
 

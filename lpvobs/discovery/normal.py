@@ -24,7 +24,7 @@ def normal_of(linear: Linear, instants: NDArray[np.int64] | slice = slice(None))
         both = np.vstack([D, J[:, 0]])
         return np.asarray(both @ both.T)
     column, nodes = linear.mapped[:, instants], (linear.nodes[0][instants], linear.nodes[1][instants])
-    H = _map_normal(linear.p, nodes, (column**2).sum(0))
+    H = map_normal(linear.p, nodes, (column**2).sum(0))
     between = on_nodes(nodes, -(column * linear.columns[:, 0][..., instants]).sum(1), linear.p)
     own = np.block([[H, between.T], [between, J[:, 0] @ J[:, 0].T - J[:, 1] @ J[:, 1].T]])
     if not isinstance(linear.noise, Scatter) or not len(linear.problem.patterns):
@@ -48,7 +48,7 @@ def gram_of(patterns: Patterns, noise: Scatter) -> Array:
     return patterns.gram(noise.precision)
 
 
-def _map_normal(p: int, nodes: imbalances.Nodes, information: Array) -> Array:
+def map_normal(p: int, nodes: imbalances.Nodes, information: Array) -> Array:
     """Return the normal matrix of the map, shape (p, p)."""
     pairs = nodes[0][:, :, None] * p + nodes[0][:, None, :]
     shares = (information[:, None] * nodes[1])[:, :, None] * nodes[1][:, None, :]

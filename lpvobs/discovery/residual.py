@@ -54,7 +54,7 @@ class Problem(Places):
     modes: Array | None = None
     # (m, B, 2K) beside a healthy drive, derivatives of what a healthy engine leaves by these sizes
     learned: Array | None = None
-    # (p,) [s^2/kg^2] beside a healthy drive, its information on every node: an error of the map is in what the drive leaves, too
+    # (p, p) [s^2/kg^2] beside a healthy drive, its information on the nodes: an error of the map is in what the drive leaves, too
     of_map: Array | None = None
     # whether an instant that is off by more than `OUTLIER` weighs as if it stood there: beside healthy drives, one moment that
     # none of them showed would weigh as much as many
@@ -103,7 +103,7 @@ class Problem(Places):
     def precision_with_map(self) -> Array:
         """The same beside the nodes of the map, which come first, shape (p + q, p + q)."""
         P, S = self.prior.precision, self.prior.sensitivity
-        P = P if self.of_map is None else P + np.diag(self.of_map)
+        P = P if self.of_map is None else P + self.of_map
         # The map does not depend on the levels of another day.
         S = np.hstack([S, np.zeros((S.shape[0], self.spread.size - S.shape[1]))])
         return np.block([[P, -P @ S], [-S.T @ P, S.T @ P @ S + self.precision]])

@@ -221,9 +221,7 @@ def _search(
         if not is_proven(best, linear) or best.id in named:
             break
         longer = once(_with_one_more, linear, best, accepted)
-        if longer is None or (
-            accepted and _has_slight(longer[0])
-        ):  # beside a fault, a constant that has changed is no other
+        if longer is None or (accepted and _is_changed_constant(longer[0])):
             break
         linear, accepted = longer
     needed, linear = pruned(linear, accepted)
@@ -241,6 +239,11 @@ def _search(
 def _has_slight(linear: Linear) -> bool:
     """Return whether a listed effect is too small for a fault, where healthy drives tell."""
     return any(is_slight(term) for term in linear.terms) and len(linear.problem.patterns) > 0
+
+
+def _is_changed_constant(linear: Linear) -> bool:
+    """Return whether the newest effect is too small for a fault: it takes no name away from those before it."""
+    return len(linear.problem.patterns) > 0 and is_slight(linear.terms[-1])
 
 
 def _beside_itself(linear: Linear, candidate: Candidate) -> Candidate:

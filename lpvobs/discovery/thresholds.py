@@ -241,11 +241,9 @@ MOST_UNEVEN_LEARNED = 0.35
 """[1] The same where healthy drives tell: the engine is not the model, and a cause is not quite the catalogue's. Set by three right
 names on seed 106607 of the second bank, which gained a quarter to a third of theirs."""
 WEAKEST = 15.1
-"""[1] Squared distance from none, in standard deviations, that an effect keeps when all are fitted together. Set by choice: one
-in ten thousand by chance."""
+"""[1] Squared standard deviations from none that an effect keeps beside all others. Set by choice: 1e-4 by chance."""
 DATED = 2.0
-"""[1] Gain by which two moments must differ to be told apart as the onset of an effect. Set by choice: 95 % of the normal
-distribution. With one moment alone, a gain that begins within a kept stretch was judged as if it had begun 28 s earlier."""
+"""[1] Gain by which two moments differ that are told apart as the onset of an effect. Set by choice: 95 % of the normal law."""
 AGAIN = 0.05
 """[1] Share of the first gain that the same effect must bring at another time to count as coming and going. Set by trial: less is
 what an edge leaves; half of it turns a verdict of run 11."""
@@ -281,8 +279,7 @@ UNKNOWN = 1e-3
 """[1] Share of the largest precision of a nominal map below which a node counts as not estimated. Set by choice: a prior alone is
 far below."""
 LIKENESS = 2e-4
-"""[kg/s] Standard deviation of the difference between the nodes of two maps of one surface. Set by what bilinear interpolation
-leaves of the shipped surface."""
+"""[kg/s] Standard deviation between nodes of two maps of one surface. Set by what interpolation leaves of the shipped surface."""
 AFFECTED = 1.25
 """[1] Multiple of its usual error from which a balance counts as moved. Set by choice; held by run 11."""
 PLACED = 0.2

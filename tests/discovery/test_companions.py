@@ -58,7 +58,7 @@ def better(monkeypatch):
     def model(terms, problem):
         return SimpleNamespace(terms=tuple(terms), problem=problem)
 
-    def accepted(*left, patterns=(1,), opposed=False, named="", own=0.9, alike=False):
+    def accepted(*left, patterns=(1,), opposed=False, named="", own=0.9, alike=False, late=False):
         def compared(before, after):
             here, one = [np.array([left[len(linear.terms)]]) for linear in (before, after)], np.zeros(1, dtype=np.int64)
             return Losses(here[0], here[1], np.ones(1, dtype=bool), one, 1.0)
@@ -68,7 +68,10 @@ def better(monkeypatch):
         monkeypatch.setattr(companions, "noise_power", lambda _: np.zeros(1))
         monkeypatch.setattr(companions, "cancels", lambda *_: opposed)
         monkeypatch.setattr(companions, "own_share", lambda *_: own)
-        effects = [SimpleNamespace(id=f"{named}{i}", place="sensor" if alike else i) for i in range(len(left) - 1)]
+        effects = [
+            SimpleNamespace(id=f"{named}{i}", place="sensor" if alike else i, late=late and i > 0)
+            for i in range(len(left) - 1)
+        ]
         names = [SimpleNamespace(effect=effect) for effect in effects]
         shown = np.ones((1, 1), dtype=bool)
         problem = SimpleNamespace(seeming=Seeming(), patterns=patterns, catalogue=(None,) * 20, shown=shown)
@@ -148,6 +151,7 @@ def test_what_else_is_wrong_with_the_same_sensor_may_be_the_shape_of_its_error(b
     assert not better(3000.0, 1000.0, 850.0, alike=True)
     assert better(3000.0, 1000.0, 700.0, alike=True)
     assert not better(3000.0, 1000.0, 700.0, alike=True, own=0.2)
+    assert better(3000.0, 1000.0, 850.0, alike=True, late=True)  # no film is late
 
 
 def test_two_effects_that_are_nearly_opposite_do_not_explain_each_other(better):

@@ -20,7 +20,7 @@ from lpvobs.discovery.normal import normal_of, pins, prior_precision
 from lpvobs.discovery.patterns import Patterns
 from lpvobs.discovery.residual import Term
 from lpvobs.discovery.sizes import best_trial, change_of, is_clear, slope_of
-from lpvobs.discovery.thresholds import EFFECT_STEP, FOLDS, LEAST_LENGTH, MOST_HALVINGS, STILL
+from lpvobs.discovery.thresholds import EFFECT_STEP, FOLDS, LEAST_LENGTH, MOST_HALVINGS, STILL, STRETCH
 
 
 def test_noise_that_two_factors_share_drops_out_of_their_product():
@@ -282,6 +282,9 @@ def test_a_stretch_in_which_an_effect_begins_is_not_judged(laid_out, plant, clea
     out = undated(begun)
     assert out[inside]
     assert not out[problem.used].any()
+    still = np.abs(clock - edge) < STRETCH  # nothing is told around the stretch, and it is dated before it
+    untold = replace(begun.problem, shown=begun.problem.shown & ~still)
+    assert undated(fit(untold, [Term(gain, 1.1, begin=edge - 0.9 * STRETCH)]))[inside]
     assert undated(ended)[out].all()  # an offset of p_im that came and went was judged where its last end was a guess
     assert 0 < out.sum() < kept.size  # other stretches are judged as before
     assert not undated(linear).any()
