@@ -146,13 +146,15 @@ def same_place_again(candidate: Candidate, accepted: Sequence[Candidate], proble
 
     No cause of the catalogue does that. The candidate is the same effect again, or one that ends beside one with an onset or
     an end. It need not be proven: two episodes and the pause between them have no single size. Where healthy drives tell, the same
-    effect at the same time is what its shape leaves.
+    effect at the same time is what its shape leaves, and as little at another time as a shape leaves.
     """
+    learned = len(problem.patterns) > 0
+    least = thresholds.SHAPE**2 if learned else thresholds.AGAIN
     stops = candidate.changes > 0 and bool(np.isfinite(candidate.term.end))
     for c in accepted:
-        if len(problem.patterns) and c.id == candidate.id and _same_time(c.term, candidate.term):
+        if learned and c.id == candidate.id and _same_time(c.term, candidate.term):
             continue
-        again = candidate.gain > thresholds.AGAIN * c.gain
+        again = candidate.gain > least * c.gain
         beside = stops and c.changes > 0 and c.term.effect.place == candidate.term.effect.place
         if (again and (beside or c.id == candidate.id)) or (beside and separate_in_time(c.term, candidate.term)):
             return True

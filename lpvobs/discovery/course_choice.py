@@ -17,6 +17,7 @@ from lpvobs.discovery.courses import GRADED, TracedCourse, can_be_graded, hyster
 from lpvobs.discovery.curves import channel_candidates
 from lpvobs.discovery.evidence import Candidate, best_first, fit_candidate, penalty, score, with_best_interval
 from lpvobs.discovery.fit import with_term, without
+from lpvobs.discovery.forms import PREFIX
 from lpvobs.discovery.linear import Linear, cancels, residual_with
 from lpvobs.discovery.ranking import least_gain
 from lpvobs.discovery.residual import Problem, Term
@@ -109,8 +110,8 @@ def on_courses(bare: Linear) -> list[Candidate]:
 
 
 def _with_courses(effects: Iterable[Effect]) -> list[Effect]:
-    """Return the effects that may be on a course; a drift is one by itself."""
-    return [effect for effect in effects if not effect.id.endswith(".drift")]
+    """Return the effects that may be on a course; a drift is one by itself, and the factors of a formula are as free as one."""
+    return [effect for effect in effects if not (effect.id.endswith(".drift") or effect.id.startswith(PREFIX))]
 
 
 def timed_again(linear: Linear, index: int) -> Term:
@@ -201,7 +202,7 @@ def finer(bare: Linear, found: Candidate) -> Candidate:
     for step in thresholds.FINER:
         if found.term.course is None or not found.term.course.input:
             break
-        effect = next((e for e in problem.catalogue if e.id == found.id), own)  # a formula is in no catalogue
+        effect = next(e for e in problem.catalogue if e.id == found.id)
         effect = effect if own.inside is None else effect.having(own.inside.value)
         courses = list(near(found.term.course, step))
         shares = np.array([problem.share(course) for course in courses])

@@ -8,12 +8,12 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from lpvobs.discovery.courses import GRADED
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.normal import pins
 from lpvobs.discovery.residual import Term
 from lpvobs.discovery.sizes import best_trial, blur, change_of, is_clear, slope_of
 from lpvobs.discovery.thresholds import COST, DATED, LEAST_LENGTH, START, STRETCH, STRONG
+from lpvobs.discovery.variation import own_sizes_of, told_of
 from lpvobs.engines.effects import Effect
 from lpvobs.records import Array
 
@@ -33,6 +33,7 @@ class Candidate:
     elsewhere: float
     from_start: bool  # whether it acts from the first tenth of the logs on, and ends
     told: float  # share of the gain that is left beside what a healthy engine always seems to have of the effect
+    own_sizes: float  # by how much more a size of its own for every block gains than noise would
     # for its coefficients, by a curve of which healthy drives show the shape: it pays from what is told of it
     paid: float = 0.0
 
@@ -121,19 +122,27 @@ def fit_candidate(
     known = is_clear(linear, slope, information)
     clock = linear.problem.clock
     from_start = bool(np.isfinite(term.end)) and term.begin < clock[0] + START * (clock[-1] - clock[0])
-    weighed = _weighed(linear, replace(term, size=best.size), left, scores if known else None, information)
+    term = replace(term, size=best.size)
+    weighed = _weighed(linear, term, left, slope, scores if known else None, information)
     return Candidate(gain=best.gain if known else 0.0, from_start=from_start, **weighed)
 
 
 def _weighed(
-    linear: Linear, term: Term, left: Array, scores: Array | None, information: float, told: float | None = None
+    linear: Linear,
+    term: Term,
+    left: Array,
+    slope: Array,
+    scores: Array | None,
+    information: float,
+    told: float | None = None,
 ) -> dict[str, Any]:
     """Return what a whitened residual that is left beside an effect says of it; no scores by stretch where they are noise."""
-    unevenness, elsewhere = 1.0, 1.0
+    unevenness, elsewhere, own_sizes = 1.0, 1.0, 0.0
     if scores is not None:
         squares = linear.problem.by_coarse(scores) ** 2 / information
+        own_sizes = own_sizes_of(linear, term, slope, left)
         unevenness, elsewhere = float(squares.sum()), float(squares.sum() - squares.max())
-    told = _told(linear, term, information, unevenness) if told is None else told
+    told = told_of(linear, term, information, unevenness) if told is None else told
     cost = 0.0 if term.curve is None else term.curve.cost
     return {
         "paid": cost if len(linear.problem.known_as(term)) > 1 else 0.0,
@@ -142,47 +151,9 @@ def _weighed(
         "unevenness": unevenness,
         "elsewhere": elsewhere,
         "told": told,
+        "own_sizes": own_sizes,
         "loss": 0.5 * linear.by_block(left, left),
     }
-
-
-def _told(linear: Linear, term: Term, information: float, unevenness: float) -> float:
-    """Return the share of the information about a size that is left beside what a healthy engine seems to have of it.
-
-    Its variance is that of noise and of what the size takes of the healthy one, by how much they act alike.
-    """
-    problem = linear.problem
-    if len(problem.known_as(term)) > 1:
-        return _told_of_shape(linear, term, unevenness)
-    information = information / max(unevenness, 1.0)  # what varies from block to block tells less of a size
-    share = term.acts(problem.clock).astype(float)
-    if term.course is not None and term.course.name in GRADED:
-        share = problem.share(term.course)
-    healthy = np.ones(share.size) if term.whole else share  # how it seems to act: all along, or as the term does
-    power, own = float((share**2).mean()), float((healthy**2).mean())
-    known = problem.seems(term, information * own / power)
-    alike = float((share * healthy).mean()) ** 2 / (power * own)
-    return 1.0 / (1.0 + alike * known)
-
-
-def _told_of_shape(linear: Linear, term: Term, unevenness: float) -> float:
-    """Return the share of the gain of what follows an input that is left beside its carrier and its shape, which vary by day.
-
-    What the carrier, as far as it varies, may explain of it is taken off.
-    """
-    problem, on = linear.problem, term.acts(linear.problem.clock).astype(float)
-    of_carrier, of_shape = problem.known_as(term)
-    carrier = next(effect for effect in problem.catalogue if effect.id == of_carrier)
-    slopes = [slope_of(linear, effect, effect.null) * on for effect in (term.effect, carrier)]
-    (curved, level), ((own, both), (_, factor)) = linear.beside(linear.whiten(np.stack(slopes)))
-    if not (own > 0.0 and factor > 0.0 and curved != 0.0):
-        return 0.0
-    uneven = max(unevenness, 1.0)  # what varies from block to block tells less of a size
-    varies = problem.seems(term, factor / uneven)
-    taken = both / factor * varies / (1.0 + varies)
-    left, kept = curved - taken * level, own - taken * both
-    share = min((left**2 / kept) / (curved**2 / own), 1.0) if kept > 0.0 else 0.0
-    return float(share / (1.0 + problem.seems(term, kept / uneven, of_shape)))
 
 
 def elsewhere_of(linear: Linear) -> float:
@@ -206,7 +177,8 @@ def in_place(linear: Linear, index: int, like: Candidate) -> Candidate:
     # what is told of a curve's shape was found beside a model without it: here nothing of its direction is left
     known_as = linear.problem.known_as(term)
     told = like.told if len(known_as) > 1 and known_as == linear.problem.known_as(like.term) else None
-    return replace(like, gain=gain, **_weighed(linear, term, left, scores, information, told))
+    slope = linear.columns[linear.u + index]
+    return replace(like, gain=gain, **_weighed(linear, term, left, slope, scores, information, told))
 
 
 def gains_of_intervals(linear: Linear, direction: Array) -> Array:

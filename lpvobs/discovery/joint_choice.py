@@ -127,13 +127,15 @@ def _curve_again(linear: Linear, candidate: Candidate) -> tuple[Candidate, Linea
 
 
 def at_its_end(term: Term) -> bool:
-    """Return whether an effect stands for another: a curve or a coefficient as large as it can be, or a lag or a leak below none.
+    """Return whether an effect stands for another.
 
+    It does if it is a curve or a coefficient as large as it can be, a lag or a leak below none, or a film that is gone again.
     Others may well be as large as they are sought: a valve that is stuck shut.
     """
     effect, shaped = term.effect, isinstance(term.curve, FactorSurface) or term.effect.parameter == "coefficient"
     one_sided = effect.null == 0.0 and -effect.low <= ONE_SIDED * effect.high
-    return (one_sided and term.size < 0.0) or (shaped and not effect.low < term.size < effect.high)
+    gone = effect.stays and bool(np.isfinite(term.end))
+    return gone or (one_sided and term.size < 0.0) or (shaped and not effect.low < term.size < effect.high)
 
 
 def choose_all_again(linear: Linear, accepted: tuple[Candidate, ...]) -> tuple[Linear, tuple[Candidate, ...]]:

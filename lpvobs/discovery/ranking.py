@@ -34,9 +34,8 @@ def is_uneven(candidate: Candidate, problem: Problem) -> bool:
 
     Where healthy drives tell, the engine is not the model, and a cause is not quite the catalogue's.
     """
-    more = 0.5 * (candidate.unevenness - 1.0) * problem.coarse_blocks
     most = thresholds.MOST_UNEVEN_LEARNED if len(problem.patterns) else thresholds.MOST_UNEVEN
-    return more > most * max(candidate.gain, 0.0)
+    return candidate.own_sizes > most * max(candidate.gain, 0.0)
 
 
 def rank(linear: Linear, effects: Sequence[Effect]) -> list[Candidate]:
@@ -144,11 +143,10 @@ def _may_be_named(candidate: Candidate, problem: Problem) -> bool:
 def is_slight(term: Term) -> bool:
     """Return whether a listed effect is too small for a fault, where healthy drives tell: constants may have changed since.
 
-    They do so all along, and do not drift.
+    They do so all along, whatever they follow, and do not drift.
     """
-    lasts = term.whole and term.curve is None and term.course is None
     listed = term.effect.parameter != "rate" and not term.effect.id.startswith(PREFIX)
-    return lasts and listed and abs(term.size - term.effect.null) < thresholds.SLIGHT * term.effect.size
+    return term.whole and listed and abs(term.size - term.effect.null) < thresholds.SLIGHT * term.effect.size
 
 
 def structure(linear: Linear) -> float:

@@ -216,7 +216,8 @@ def _search(
         best = next((c for c in found if c.id not in named and is_proven(c, linear)), found[0])
         # More than what may be left: proven, where healthy drives tell how errors look.
         counts = is_proven if len(problem.patterns) else is_relevant
-        if any(same_place_again(c, accepted, problem) for c in (found[0], best) if counts(c, linear)):
+        again = [c for c in (found[0], best) if counts(c, linear) and same_place_again(c, accepted, problem)]
+        if not all(at_its_end(c.term) for c in again):  # which cannot be, and stands for what the named one leaves
             return _Search("unexplained", [], before, before, ranking, accepted)
         if not is_proven(best, linear) or best.id in named:
             break

@@ -101,6 +101,7 @@ class Effect:
     # show how the balances respond to it
     unlearned: float = 0.0
     straight: bool = False  # whether all balances change in proportion to how far the parameter is from `null`
+    stays: bool = False  # whether it has no end within a drive
     # by what healthy drives tell how it varies where that is not itself: another effect, and the shape that it has beside that one
     known_as: tuple[str, ...] = ()
 
@@ -202,7 +203,10 @@ def on_the_reading() -> Mapping[str, Effect]:
         Effect("maf.gain", "factor", "1", 1.0, 0.05, 0.4, 2.0, place, gain_of, STEADY, True, needs=own),
         Effect("maf.drift", "rate", "1/s", 0.0, 1e-4, -1e-3, 1e-3, place, drift, STEADY, needs=own),
         Effect("maf.temperature", "coefficient", "1/K", 0.0, 1e-3, -0.02, 0.02, place, warmed, ALTITUDE, needs=(SENSOR, "T_amb")),
-        Effect("maf.contamination", "coefficient", "1", 0.0, 0.05, -0.5, 0.5, place, film, STEADY, needs=own, inside=crossing),
+        Effect(
+            "maf.contamination", "coefficient", "1", 0.0, 0.05, -0.5, 0.5, place, film, STEADY, needs=own, inside=crossing,
+            stays=True,
+        ),
     )  # fmt: skip
     return {effect.id: effect for effect in found}
 

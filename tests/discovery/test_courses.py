@@ -124,7 +124,7 @@ def chosen(monkeypatch):
 
     def candidate(gain, course=None):
         term = Term(SimpleNamespace(id="leak.intake", place="intake", unusual=False), 0.0, course=course)
-        return Candidate(term, gain, 1.0, 1.0, np.zeros(100), 1.0, False, 1.0)
+        return Candidate(term, gain, 1.0, 1.0, np.zeros(100), 1.0, False, 1.0, 0.0)
 
     def of(own, courses):
         found = {course: candidate(gain, course) for course, gain in courses.items()}
@@ -139,6 +139,12 @@ def chosen(monkeypatch):
         return course_choice.best_course(linear, SimpleNamespace(problem=None), plain, []).term.course
 
     return of
+
+
+def test_a_formula_is_on_no_course():
+    """A formula with the boost on a ramp stood where one with the turbine's speed, all along, was right."""
+    effects = [SimpleNamespace(id=id_) for id_ in ("maf.gain", "maf.drift", "form:W_maf ~ W_maf * p_im")]
+    assert course_choice._with_courses(effects) == effects[:1]
 
 
 @pytest.mark.parametrize("gained", [1063.0, 1121.0])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lpvobs.discovery.curves import driven_by, shape_shown, surface_of
-from lpvobs.discovery.evidence import _told, fit_candidate, in_place
+from lpvobs.discovery.evidence import fit_candidate, in_place
 from lpvobs.discovery.fit import fit, refit
 from lpvobs.discovery.healthy_learning import beyond_noise
 from lpvobs.discovery.map_prior import MapPrior
@@ -14,6 +14,7 @@ from lpvobs.discovery.patterns import Seeming
 from lpvobs.discovery.ranking import chance
 from lpvobs.discovery.residual import Term, lay_out
 from lpvobs.discovery.sizes import slope_of
+from lpvobs.discovery.variation import told_of
 
 
 @pytest.fixture(scope="module")
@@ -85,7 +86,7 @@ def told(linear, curve, surface, seeming, level=0.0, height=0.05):
     slope = slope_of(linear, curve.carrier, curve.carrier.null)
     changed = with_change(linear, linear.whiten(slope * (height * bump(linear) + level)))
     judged = replace(changed, problem=replace(changed.problem, seeming=seeming))
-    return _told(judged, Term(driven_by(curve, surface), 0.0, curve=surface), 1e4, 1.0)
+    return told_of(judged, Term(driven_by(curve, surface), 0.0, curve=surface), 1e4, 1.0)
 
 
 def test_the_share_told_of_a_curve_is_what_is_left_beside_its_factor_and_shape(linear, curve, surface):

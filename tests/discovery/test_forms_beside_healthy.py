@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from lpvobs.discovery.curves import along_channel
-from lpvobs.discovery.evidence import _told
 from lpvobs.discovery.fit import fit
 from lpvobs.discovery.form_search import _effect, shapes_shown
 from lpvobs.discovery.forms import Factor, Form, along_problem, shape_of
@@ -14,6 +13,7 @@ from lpvobs.discovery.map_prior import MapPrior
 from lpvobs.discovery.patterns import Seeming
 from lpvobs.discovery.residual import Term, lay_out
 from lpvobs.discovery.sizes import slope_of
+from lpvobs.discovery.variation import told_of
 
 SHARE = Factor("W_maf")
 WARM = Factor("T_im", reference=310.0)
@@ -67,7 +67,7 @@ def test_noise_alone_shows_each_shape_as_often_as_its_information(linear, still)
 
 def told(linear, term, **seeming):
     judged = replace(linear, problem=replace(linear.problem, seeming=Seeming(**seeming)))
-    return _told(judged, term, 1e4, 1.0)
+    return told_of(judged, term, 1e4, 1.0)
 
 
 @pytest.fixture(scope="module")

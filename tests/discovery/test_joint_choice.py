@@ -9,13 +9,14 @@ import pytest
 from lpvobs.discovery import joint_choice
 from lpvobs.discovery.courses import TracedCourse, relay
 from lpvobs.discovery.curves import along_channel, channel_candidates
-from lpvobs.discovery.evidence import _told, fit_candidate, in_place
+from lpvobs.discovery.evidence import fit_candidate, in_place
 from lpvobs.discovery.fit import fit, objective, refit, standard_errors, without
 from lpvobs.discovery.inside import settled, with_inside
 from lpvobs.discovery.joint_choice import at_its_end
 from lpvobs.discovery.known_effects import NINETY
 from lpvobs.discovery.residual import Term
 from lpvobs.discovery.thresholds import BLOCK, COST
+from lpvobs.discovery.variation import told_of
 
 ONSET = 141.0
 LOST = 0.1
@@ -151,7 +152,7 @@ def test_an_effect_that_grows_varies_by_what_it_takes_of_what_healthy_drives_see
         alone = precision * along @ along
         fitted = along / (along @ along)
         variance = fitted @ (np.eye(K) / precision + size**2 * np.outer(seeming, seeming)) @ fitted
-        told = _told(SimpleNamespace(problem=problem), term, alone, 1.0)
+        told = told_of(SimpleNamespace(problem=problem), term, alone, 1.0)
         assert told == pytest.approx(1.0 / variance / alone, rel=1e-9)
 
 
@@ -173,6 +174,12 @@ def test_a_lag_below_none_stands_for_something_else_and_a_valve_stuck_shut_for_i
     Damp air was a reading that changes by 2 % a kelvin, the most that is sought.
     """
     assert at_its_end(Term(plant.effect(id_), size)) == ends
+
+
+@pytest.mark.parametrize(("end", "ends"), [(541.0, True), (np.inf, False)])
+def test_a_film_does_not_come_off_within_a_drive(plant, end, ends):
+    """A reading that followed the boost was named a film of -0.13 from 474 to 541 s, the fast part of NEDC."""
+    assert at_its_end(Term(plant.effect("maf.contamination"), 0.1, 474.0, end)) == ends
 
 
 @pytest.mark.slow

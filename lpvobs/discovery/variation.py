@@ -1,0 +1,58 @@
+"""How sizes vary: from block to block of a drive, and between healthy drives, which leaves a share of what is told of a size."""
+
+import numpy as np
+
+from lpvobs.discovery.courses import GRADED
+from lpvobs.discovery.linear import Linear
+from lpvobs.discovery.residual import Term
+from lpvobs.discovery.sizes import slope_of
+from lpvobs.records import Array
+
+
+def own_sizes_of(linear: Linear, term: Term, slope: Array, left: Array) -> float:
+    """Return by how much more a size of its own for every block gains than noise would, all unknowns as they are.
+
+    Before any data, these sizes differ by as much as the effect is large.
+    """
+    scores, power = (linear.problem.by_coarse(linear.by_block(slope, each)) for each in (left, slope))
+    known = np.maximum(power, 0.0) + 1.0 / max((term.size - term.effect.null) ** 2, 1e-300)
+    return float(0.5 * ((scores**2 - np.maximum(power, 0.0)) / known).sum())
+
+
+def told_of(linear: Linear, term: Term, information: float, unevenness: float) -> float:
+    """Return the share of the information about a size that is left beside what a healthy engine seems to have of it.
+
+    Its variance is that of noise and of what the size takes of the healthy one, by how much they act alike.
+    """
+    problem = linear.problem
+    if len(problem.known_as(term)) > 1:
+        return _told_of_shape(linear, term, unevenness)
+    information = information / max(unevenness, 1.0)  # what varies from block to block tells less of a size
+    share = term.acts(problem.clock).astype(float)
+    if term.course is not None and term.course.name in GRADED:
+        share = problem.share(term.course)
+    healthy = np.ones(share.size) if term.whole else share  # how it seems to act: all along, or as the term does
+    power, own = float((share**2).mean()), float((healthy**2).mean())
+    known = problem.seems(term, information * own / power)
+    alike = float((share * healthy).mean()) ** 2 / (power * own)
+    return 1.0 / (1.0 + alike * known)
+
+
+def _told_of_shape(linear: Linear, term: Term, unevenness: float) -> float:
+    """Return the share of the gain of what follows an input that is left beside its carrier and its shape, which vary by day.
+
+    What the carrier, as far as it varies, may explain of it is taken off.
+    """
+    problem, on = linear.problem, term.acts(linear.problem.clock).astype(float)
+    of_carrier, of_shape = problem.known_as(term)
+    carrier = next(effect for effect in problem.catalogue if effect.id == of_carrier)
+    slopes = [slope_of(linear, effect, effect.null) * on for effect in (term.effect, carrier)]
+    (curved, level), ((own, both), (_, factor)) = linear.beside(linear.whiten(np.stack(slopes)))
+    if not (own > 0.0 and factor > 0.0 and curved != 0.0):
+        return 0.0
+    uneven = max(unevenness, 1.0)  # what varies from block to block tells less of a size
+    varies = problem.seems(term, factor / uneven)
+    taken = both / factor * varies / (1.0 + varies)
+    left, kept = curved - taken * level, own - taken * both
+    share = min((left**2 / kept) / (curved**2 / own), 1.0) if kept > 0.0 else 0.0
+    return float(share / (1.0 + problem.seems(term, kept / uneven, of_shape)))
