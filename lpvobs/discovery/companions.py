@@ -156,7 +156,8 @@ def same_place_again(candidate: Candidate, accepted: Sequence[Candidate], proble
             continue
         again = candidate.gain > least * c.gain
         beside = stops and c.changes > 0 and c.term.effect.place == candidate.term.effect.place
-        if (again and (beside or c.id == candidate.id)) or (beside and separate_in_time(c.term, candidate.term)):
+        apart = beside and separate_in_time(c.term, candidate.term) and not learned
+        if (again and (beside or c.id == candidate.id)) or apart:
             return True
     return False
 

@@ -57,10 +57,10 @@ def best_course(linear: Linear, bare: Linear, own: Candidate, rivals: Sequence[E
     every = relays + _in_time(bare.problem) + _lagging(bare.problem)
     found: list[Candidate] = []
     # A reading of the flow that comes and goes may be any disturbance: without a cause in the log it has no name.
-    if own.term.effect.place != "sensor":
+    if own.term.effect.place != "sensor" and with_courses([own.term.effect]):
         intervals = _comes_and_goes(linear, len(linear.terms) - 1)
         found = [fit_course(bare, own.term.effect, course) for course in intervals]
-    for effect in _with_courses([own.term.effect, *rivals]):
+    for effect in with_courses([own.term.effect, *rivals]):
         found += [fit_course(bare, effect, course) for course in _promising(bare, effect, every, relays)]
     same = [c for c in found if _is_same(c, own)]
     # Episodes are many instants, which a share of the gain pays for: they leave what another effect does at times.
@@ -104,14 +104,17 @@ def on_courses(bare: Linear) -> list[Candidate]:
     every = relays + _in_time(bare.problem)
     return best_first(
         finer(bare, fit_course(bare, effect, course))
-        for effect in _with_courses(bare.problem.catalogue)
+        for effect in with_courses(bare.problem.catalogue)
         for course in _promising(bare, effect, every, relays)
     )
 
 
-def _with_courses(effects: Iterable[Effect]) -> list[Effect]:
-    """Return the effects that may be on a course; a drift is one by itself, and the factors of a formula are as free as one."""
-    return [effect for effect in effects if not (effect.id.endswith(".drift") or effect.id.startswith(PREFIX))]
+def with_courses(effects: Iterable[Effect]) -> list[Effect]:
+    """Return the effects that may be on a course.
+
+    A drift is one by itself, the factors of a formula are as free as one, and what settles for good does not come and go.
+    """
+    return [e for e in effects if not (e.id.startswith(PREFIX) or e.id.endswith(".drift") or e.stays)]
 
 
 def timed_again(linear: Linear, index: int) -> Term:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.normal import pins
-from lpvobs.discovery.residual import Term
+from lpvobs.discovery.residual import Problem, Term
 from lpvobs.discovery.sizes import best_trial, blur, change_of, is_clear, slope_of
 from lpvobs.discovery.thresholds import COST, DATED, LEAST_LENGTH, START, STRETCH, STRONG
 from lpvobs.discovery.variation import own_sizes_of, told_of
@@ -33,7 +33,7 @@ class Candidate:
     elsewhere: float
     from_start: bool  # whether it acts from the first tenth of the logs on, and ends
     told: float  # share of the gain that is left beside what a healthy engine always seems to have of the effect
-    own_sizes: float  # by how much more a size of its own for every block gains than noise would
+    own_sizes: float  # by how much more a size of its own for every block gains than noise hardly ever does
     # for its coefficients, by a curve of which healthy drives show the shape: it pays from what is told of it
     paid: float = 0.0
 
@@ -122,8 +122,8 @@ def fit_candidate(
     known = is_clear(linear, slope, information)
     clock = linear.problem.clock
     from_start = bool(np.isfinite(term.end)) and term.begin < clock[0] + START * (clock[-1] - clock[0])
-    term = replace(term, size=best.size)
-    weighed = _weighed(linear, term, left, slope, scores if known else None, information)
+    term, direction = replace(term, size=best.size), linear.moved(slope, own)
+    weighed = _weighed(linear, term, left, direction, scores if known else None, information)
     return Candidate(gain=best.gain if known else 0.0, from_start=from_start, **weighed)
 
 
@@ -131,16 +131,19 @@ def _weighed(
     linear: Linear,
     term: Term,
     left: Array,
-    slope: Array,
+    direction: Array,
     scores: Array | None,
     information: float,
     told: float | None = None,
 ) -> dict[str, Any]:
-    """Return what a whitened residual that is left beside an effect says of it; no scores by stretch where they are noise."""
+    """Return what a whitened residual that is left beside an effect says of it; no scores by stretch where they are noise.
+
+    `direction` is the effect's derivative with all unknowns projected out.
+    """
     unevenness, elsewhere, own_sizes = 1.0, 1.0, 0.0
     if scores is not None:
         squares = linear.problem.by_coarse(scores) ** 2 / information
-        own_sizes = own_sizes_of(linear, term, slope, left)
+        own_sizes = own_sizes_of(linear, term, scores, linear.by_block(direction, direction))
         unevenness, elsewhere = float(squares.sum()), float(squares.sum() - squares.max())
     told = told_of(linear, term, information, unevenness) if told is None else told
     cost = 0.0 if term.curve is None else term.curve.cost
@@ -177,8 +180,8 @@ def in_place(linear: Linear, index: int, like: Candidate) -> Candidate:
     # what is told of a curve's shape was found beside a model without it: here nothing of its direction is left
     known_as = linear.problem.known_as(term)
     told = like.told if len(known_as) > 1 and known_as == linear.problem.known_as(like.term) else None
-    slope = linear.columns[linear.u + index]
-    return replace(like, gain=gain, **_weighed(linear, term, left, slope, scores, information, told))
+    direction = linear.moved(np.zeros_like(left), row / row[at])
+    return replace(like, gain=gain, **_weighed(linear, term, left, direction, scores, information, told))
 
 
 def gains_of_intervals(linear: Linear, direction: Array) -> Array:
@@ -261,11 +264,17 @@ def with_best_interval(linear: Linear, whole: Candidate) -> Candidate:
     effect = whole.term.effect
     absorbed = linear.problem.absorbs(effect)
     ranges = best_intervals(gains_of_intervals(linear, _direction(linear, effect, whole.term.size)))
-    found = {i: _on_blocks(linear, whole, ranges[i]) for i in ((0, 2) if absorbed else (0, 1, 2))}
+    usual = (0,) if stays(linear.problem, effect) else (0, 2) if absorbed else (0, 1, 2)
+    found = {i: _on_blocks(linear, whole, ranges[i]) for i in usual}
     best = max(found, key=lambda i: score(found[i]))
     again = best_intervals(gains_of_intervals(linear, _direction(linear, effect, found[best].term.size)))[best]
     rivals = [found[best], *([] if again == ranges[best] else [_on_blocks(linear, found[best], again)])]
     return max(rivals if absorbed else [whole, *rivals], key=score)
+
+
+def stays(problem: Problem, effect: Effect) -> bool:
+    """Return whether an effect has no end here: it settles for good, and the logs are one drive."""
+    return effect.stays and bool(problem.of_log[-1] == 0)
 
 
 def dated_again(bare: Linear, term: Term) -> Term:

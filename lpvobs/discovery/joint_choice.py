@@ -8,10 +8,27 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lpvobs.discovery.course_choice import best_course, finer, fit_course, is_worth, sharpened, timed_again
+from lpvobs.discovery.course_choice import (
+    best_course,
+    finer,
+    fit_course,
+    is_worth,
+    sharpened,
+    timed_again,
+    with_courses,
+)
 from lpvobs.discovery.courses import GRADED, Curve, FactorSurface, can_be_graded
 from lpvobs.discovery.curves import channel_candidates, curve_in_place_of, onset, surface_again
-from lpvobs.discovery.evidence import Candidate, best_first, fit_candidate, in_place, loss_of, score, with_best_interval
+from lpvobs.discovery.evidence import (
+    Candidate,
+    best_first,
+    fit_candidate,
+    in_place,
+    loss_of,
+    score,
+    stays,
+    with_best_interval,
+)
 from lpvobs.discovery.fit import fit, objective, refit, with_term, without
 from lpvobs.discovery.forms import cause_of, without_variants
 from lpvobs.discovery.inside import Number, with_inside
@@ -49,8 +66,9 @@ def choose_again(linear: Linear, candidate: Candidate) -> tuple[Candidate, Linea
     others, span = _others(bare), (again.term.begin, again.term.end)
     ranked = rank_in(bare, [effect for effect in others if not problem.absorbs(effect)])[:SHORTLIST]
     # What stands out all along and what does in the interval need not be the same.
-    here = rank_in(bare, others, *span)[:SHORTLIST] if again.changes else []
-    unusual = [fit_candidate(bare, each, *span) for effect in others for each in effect.variants]
+    acting = _acting(problem, others, again.term)
+    here = rank_in(bare, acting, *span)[:SHORTLIST] if again.changes else []
+    unusual = [fit_candidate(bare, each, *span) for effect in acting for each in effect.variants]
     alike = _in_its_place(linear, bare, newest)
     rivals = [again, with_best_interval(bare, again), *alike, *ranked, *here, *unusual]
     proven = [rival for rival in rivals if is_proven(rival, bare)] or [again]
@@ -83,6 +101,11 @@ def _course_again(linear: Linear, found: Candidate) -> tuple[Candidate, Linear]:
     if nearer.term.course != course:
         linear = fit(linear.problem, [*bare.terms, nearer.term], start=linear)
     return in_place(linear, newest, nearer), linear
+
+
+def _acting(problem: Problem, effects: Sequence[Effect], term: Term) -> list[Effect]:
+    """Return the effects that may act when a term does."""
+    return [effect for effect in effects if not (np.isfinite(term.end) and stays(problem, effect))]
 
 
 def _others(bare: Linear) -> list[Effect]:
@@ -129,13 +152,17 @@ def _curve_again(linear: Linear, candidate: Candidate) -> tuple[Candidate, Linea
 def at_its_end(term: Term) -> bool:
     """Return whether an effect stands for another.
 
-    It does if it is a curve or a coefficient as large as it can be, a lag or a leak below none, or a film that is gone again.
-    Others may well be as large as they are sought: a valve that is stuck shut.
+    It does if it is a curve or a coefficient as large as it can be, or a lag or a leak below none. Others may well be as large as
+    they are sought: a valve that is stuck shut.
     """
     effect, shaped = term.effect, isinstance(term.curve, FactorSurface) or term.effect.parameter == "coefficient"
-    one_sided = effect.null == 0.0 and -effect.low <= ONE_SIDED * effect.high
-    gone = effect.stays and bool(np.isfinite(term.end))
-    return gone or (one_sided and term.size < 0.0) or (shaped and not effect.low < term.size < effect.high)
+    return is_below_none(term) or (shaped and not effect.low < term.size < effect.high)
+
+
+def is_below_none(term: Term) -> bool:
+    """Return whether an effect that is there or not is less than not there."""
+    effect = term.effect
+    return effect.null == 0.0 and -effect.low <= ONE_SIDED * effect.high and term.size < 0.0
 
 
 def choose_all_again(linear: Linear, accepted: tuple[Candidate, ...]) -> tuple[Linear, tuple[Candidate, ...]]:
@@ -231,10 +258,10 @@ def finished(
     others += [replace(e, apply=law, straight=False) for e in others for law in e.laws]
     others += [e for e in forms if cause_of(e.id) != cause_of(own.id)]
     if term.course is not None:
-        able = [e for e in others if term.course.name not in GRADED or can_be_graded(e)]
+        able = [e for e in with_courses(others) if term.course.name not in GRADED or can_be_graded(e)]
         rivals = best_first(fit_course(bare, e, term.course) for e in able)
     else:
-        rivals = rank_in(bare, others, term.begin, term.end)
+        rivals = rank_in(bare, _acting(problem, others, term), term.begin, term.end)
     once = [c for i, c in enumerate(rivals) if c.id not in {better.id for better in rivals[:i]}]
     beside = []
     driven = channel_candidates(bare, SHORTLIST) if isinstance(term.curve, Curve) else []

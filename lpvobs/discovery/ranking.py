@@ -143,10 +143,11 @@ def _may_be_named(candidate: Candidate, problem: Problem) -> bool:
 def is_slight(term: Term) -> bool:
     """Return whether a listed effect is too small for a fault, where healthy drives tell: constants may have changed since.
 
-    They do so all along, whatever they follow, and do not drift.
+    They have done so before the first sample, whatever they follow, and do not drift.
     """
     listed = term.effect.parameter != "rate" and not term.effect.id.startswith(PREFIX)
-    return term.whole and listed and abs(term.size - term.effect.null) < thresholds.SLIGHT * term.effect.size
+    lasts = term.whole and (term.course is None or (term.course.ends == 0 and term.course.name != "ramp"))
+    return lasts and listed and abs(term.size - term.effect.null) < thresholds.SLIGHT * term.effect.size
 
 
 def structure(linear: Linear) -> float:

@@ -17,7 +17,7 @@ from lpvobs.discovery.form_search import beside_forms, best_forms
 from lpvobs.discovery.forms import PREFIX, parsed
 from lpvobs.discovery.held_out import Losses, compare, cross_validated
 from lpvobs.discovery.inside import settled
-from lpvobs.discovery.joint_choice import Accepted, at_its_end, choose_again, choose_all_again, finished
+from lpvobs.discovery.joint_choice import Accepted, at_its_end, choose_again, choose_all_again, finished, is_below_none
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.ranking import (
     best_of,
@@ -217,7 +217,9 @@ def _search(
         # More than what may be left: proven, where healthy drives tell how errors look.
         counts = is_proven if len(problem.patterns) else is_relevant
         again = [c for c in (found[0], best) if counts(c, linear) and same_place_again(c, accepted, problem)]
-        if not all(at_its_end(c.term) for c in again):  # which cannot be, and stands for what the named one leaves
+        if not all(
+            is_below_none(c.term) and c.term.whole for c in again
+        ):  # what the named one leaves cannot be, either
             return _Search("unexplained", [], before, before, ranking, accepted)
         if not is_proven(best, linear) or best.id in named:
             break

@@ -234,19 +234,19 @@ MOST_STRUCTURE = 0.02
 """[1] Share of the noise's sum of squares that sizes which change from block to block may gain before a residual counts as
 unexplained; where healthy drives tell, of what the named effects explain, too. Set by clean logs of all cycles, which stay under
 0.003; and by an intake pressure 20 hPa too high on seed 305674 of the second bank, of which 0.0014 was left."""
+BY_CHANCE = 2.0
+"""[1] Standard deviations beyond noise that a size for every block must gain. Set by choice: noise does on one log of 40."""
 MOST_UNEVEN = 0.15
-"""[1] Share of its gain that an effect may gain more with a size of its own for every block. Set by trial: a cause has one size; no
-decision of run 11 comes near it, but one of the further drives beside run 9 did."""
+"""[1] Share of its gain that an effect may gain more with a size of its own for every block. Set by trial: a cause has one size."""
 MOST_UNEVEN_LEARNED = 0.35
-"""[1] The same where healthy drives tell: the engine is not the model, and a cause is not quite the catalogue's. Set by seed 911107
-of the second bank: right names gain up to 0.18 more, the two wrong ones that it stops 0.45 and 0.51."""
+"""[1] The same where healthy drives tell. Set by seed 911107 of the second bank: right names come to 0.18, a wrong one to 0.40."""
 WEAKEST = 15.1
 """[1] Squared standard deviations from none that an effect keeps beside all others. Set by choice: 1e-4 by chance."""
 DATED = 2.0
 """[1] Gain by which two moments differ that are told apart as the onset of an effect. Set by choice: 95 % of the normal law."""
 AGAIN = 0.05
-"""[1] Share of the first gain that the same effect must bring at another time to count as coming and going. Set by trial: less is
-what an edge leaves; half of it turns a verdict of run 11."""
+"""[1] Share of the first gain that the same effect must bring at another time to count as coming and going. It is the square of
+`SHAPE` if healthy drives tell. Set by trial: less is what an edge leaves; half of it turns a verdict of run 11."""
 REST = 0.1
 """[1] Share of the noise's sum of squares below which an uneven effect is what the others leave in transients. Set by the blind
 bank 3; no decision of run 11 comes near it."""

@@ -202,6 +202,8 @@ def test_the_same_effect_at_another_time_comes_and_goes_and_at_the_same_time_is_
     assert judged_again(begin=300.0)
     assert judged_again(end=300.0)
     assert judged_again("maf.gain", end=300.0)
+    assert judged_again("maf.gain", begin=50.0, end=100.0, gain=2.0, patterns=())
+    assert not judged_again("maf.gain", begin=50.0, end=100.0, gain=2.0)  # a hundredth, and the engine is not the model
     assert judged_again(course=TracedCourse("ramp"))
     assert judged_again(patterns=())  # where the engine is the model, a cause has the catalogue's shape
     assert not judged_again()
@@ -218,7 +220,7 @@ def test_what_a_shape_leaves_at_another_time_is_not_the_same_effect_again():
 
 @pytest.mark.parametrize(("patterns", "uneven"), [((), True), ((1,), False)])
 def test_a_size_may_be_more_uneven_where_a_cause_is_not_the_catalogue_s(patterns, uneven):
-    """A backflow by another law was `unexplained`: sizes of its own for every block gained 30 % more."""
+    """A backflow by another law was `unexplained`: sizes of its own for every block seemed to gain 30 % more."""
     backflow = Candidate(TERM, 100.0, 1.0, 2.2, np.zeros(9), 1.0, False, 1.0, own_sizes=30.0)
     problem = SimpleNamespace(patterns=patterns)
     assert ranking.is_uneven(backflow, problem) == uneven

@@ -123,7 +123,7 @@ def chosen(monkeypatch):
     """Return a function from the gain of a plain effect, and those of courses of it, to the course that is chosen."""
 
     def candidate(gain, course=None):
-        term = Term(SimpleNamespace(id="leak.intake", place="intake", unusual=False), 0.0, course=course)
+        term = Term(SimpleNamespace(id="leak.intake", place="intake", unusual=False, stays=False), 0.0, course=course)
         return Candidate(term, gain, 1.0, 1.0, np.zeros(100), 1.0, False, 1.0, 0.0)
 
     def of(own, courses):
@@ -141,10 +141,10 @@ def chosen(monkeypatch):
     return of
 
 
-def test_a_formula_is_on_no_course():
+def test_a_formula_is_on_no_course_nor_does_a_film_come_and_go():
     """A formula with the boost on a ramp stood where one with the turbine's speed, all along, was right."""
-    effects = [SimpleNamespace(id=id_) for id_ in ("maf.gain", "maf.drift", "form:W_maf ~ W_maf * p_im")]
-    assert course_choice._with_courses(effects) == effects[:1]
+    effects = [SimpleNamespace(id=id_, stays=False) for id_ in ("maf.gain", "maf.drift", "form:W_maf ~ W_maf * p_im")]
+    assert course_choice.with_courses([*effects, SimpleNamespace(id="maf.contamination", stays=True)]) == effects[:1]
 
 
 @pytest.mark.parametrize("gained", [1063.0, 1121.0])

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from lpvobs.discovery import joint_choice
+from lpvobs.discovery import evidence, joint_choice
 from lpvobs.discovery.courses import TracedCourse, relay
 from lpvobs.discovery.curves import along_channel, channel_candidates
 from lpvobs.discovery.evidence import fit_candidate, in_place
@@ -176,10 +176,19 @@ def test_a_lag_below_none_stands_for_something_else_and_a_valve_stuck_shut_for_i
     assert at_its_end(Term(plant.effect(id_), size)) == ends
 
 
-@pytest.mark.parametrize(("end", "ends"), [(541.0, True), (np.inf, False)])
-def test_a_film_does_not_come_off_within_a_drive(plant, end, ends):
+@pytest.mark.parametrize(("end", "logs", "acts"), [(541.0, 1, False), (541.0, 2, True), (np.inf, 1, True)])
+def test_a_film_does_not_come_off_within_a_drive(plant, end, logs, acts):
     """A reading that followed the boost was named a film of -0.13 from 474 to 541 s, the fast part of NEDC."""
-    assert at_its_end(Term(plant.effect("maf.contamination"), 0.1, 474.0, end)) == ends
+    problem, film = SimpleNamespace(of_log=np.array([0, logs - 1])), plant.effect("maf.contamination")
+    assert joint_choice._acting(problem, [film], SimpleNamespace(end=end)) == ([film] if acts else [])
+
+
+@pytest.mark.parametrize(("name", "ends"), [("maf.contamination", False), ("maf.offset", True)])
+def test_a_film_is_sought_from_an_onset_alone(linear, plant, monkeypatch, name, ends):
+    whole, tried = fit_candidate(linear, plant.effect(name)), []
+    monkeypatch.setattr(evidence, "_on_blocks", lambda _, candidate, blocks: tried.append(blocks) or candidate)
+    evidence.with_best_interval(linear, whole)
+    assert any(last < linear.problem.first.size for _, last in tried) == ends
 
 
 @pytest.mark.slow

@@ -20,7 +20,7 @@ from lpvobs.discovery.normal import normal_of, pins, prior_precision
 from lpvobs.discovery.patterns import Patterns
 from lpvobs.discovery.residual import Term
 from lpvobs.discovery.sizes import best_trial, change_of, is_clear, slope_of
-from lpvobs.discovery.thresholds import EFFECT_STEP, FOLDS, LEAST_LENGTH, MOST_HALVINGS, STILL, STRETCH
+from lpvobs.discovery.thresholds import BY_CHANCE, EFFECT_STEP, FOLDS, LEAST_LENGTH, MOST_HALVINGS, STILL, STRETCH
 from lpvobs.discovery.variation import own_sizes_of
 
 
@@ -268,12 +268,11 @@ def test_sizes_of_their_own_gain_what_ridge_regression_does_whatever_block_tells
 
     left = slope * rng.standard_normal((12, 1)) + rng.standard_normal(slope.shape)
     by_noise = [gain(rng.standard_normal(slope.shape)) for _ in range(4000)]
-    model = SimpleNamespace(
-        problem=SimpleNamespace(by_coarse=lambda values: values), by_block=lambda a, b: (a * b).sum((0, 2))
-    )
+    model = SimpleNamespace(problem=SimpleNamespace(by_coarse=lambda values: values))
     term = SimpleNamespace(size=1.0 + size, effect=SimpleNamespace(null=1.0))
-    own = own_sizes_of(model, term, slope[None], left[None])
-    assert own == pytest.approx(gain(left) - np.mean(by_noise), abs=4.0 * np.std(by_noise) / np.sqrt(4000))
+    own = own_sizes_of(model, term, (slope * left).sum(1), (slope**2).sum(1))
+    usual = np.mean(by_noise) + BY_CHANCE * np.std(by_noise)
+    assert own == pytest.approx(gain(left) - usual, abs=4.0 * BY_CHANCE * np.std(by_noise) / np.sqrt(4000))
 
 
 def _like(linear, one):

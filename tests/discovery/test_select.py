@@ -8,6 +8,7 @@ import pytest
 import scipy
 
 from lpvobs.discovery import form_search, ranking, select
+from lpvobs.discovery.courses import TracedCourse
 from lpvobs.discovery.evidence import Candidate
 from lpvobs.discovery.patterns import Seeming
 from lpvobs.discovery.ranking import FAMILIES, chance, drives_needed, is_proven
@@ -141,7 +142,11 @@ def test_a_formula_rivals_what_is_named_where_it_explains_enough(monkeypatch, na
         ({}, (1,), True),
         ({}, (), False),  # the constants' tolerance is known there
         ({"whole": False}, (1,), False),  # constants do not change within a drive
-        ({"course": "a course"}, (1,), True),  # half an engine's p_em.gain of 1.002 was there, saturating
+        ({"course": TracedCourse("saturating", time_constant=100.0)}, (1,), True),
+        ({"course": TracedCourse("hysteresis", input="n_e")}, (1,), True),
+        ({"course": TracedCourse("saturating", begin=150.0, time_constant=100.0)}, (1,), False),
+        ({"course": TracedCourse("intermittent", intervals=((0.0, 9.0), (20.0, 29.0)))}, (1,), False),
+        ({"course": TracedCourse("ramp")}, (1,), False),  # constants do not drift
         ({"curve": "a curve"}, (1,), True),
         ({"id": "form:W_maf ~ W_maf * humidity"}, (1,), False),
         ({"parameter": "rate"}, (1,), False),
@@ -349,10 +354,13 @@ def test_what_a_large_effect_leaves_may_change_more_where_healthy_drives_tell(
     assert found == ("unexplained" if slight else verdict)
 
 
-@pytest.mark.parametrize(("at_end", "verdict"), [(True, "effect"), (False, "unexplained")])
-def test_what_cannot_be_is_not_the_same_place_again(monkeypatch, at_end, verdict):
+@pytest.mark.parametrize(
+    ("below", "whole", "verdict"),
+    [(True, True, "effect"), (True, False, "unexplained"), (False, True, "unexplained")],  # the second is a pause
+)
+def test_what_cannot_be_is_not_the_same_place_again(monkeypatch, below, whole, verdict):
     """Beside a delay of 51 ms from 136 s on stood one of -15 ms all along, and the drive was `unexplained`."""
-    own, again = (SimpleNamespace(id="maf.delay", term=SimpleNamespace(again=again)) for again in (False, True))
+    own, again = (SimpleNamespace(id="maf.delay", term=SimpleNamespace(whole=whole)) for _ in range(2))
     found = SimpleNamespace(terms=(SimpleNamespace(course=None),), problem=SimpleNamespace(patterns=(1,)))
     for name, value in (
         ("fit", SimpleNamespace(terms=())),
@@ -370,7 +378,8 @@ def test_what_cannot_be_is_not_the_same_place_again(monkeypatch, at_end, verdict
         monkeypatch.setattr(select, name, lambda *_, value=value: value)
     monkeypatch.setattr(select, "best_of", lambda linear: (again if linear.terms else own,))
     monkeypatch.setattr(select, "same_place_again", lambda candidate, *_: candidate is again)
-    monkeypatch.setattr(select, "at_its_end", lambda term: at_end and getattr(term, "again", False))
+    monkeypatch.setattr(select, "is_below_none", lambda _: below)
+    monkeypatch.setattr(select, "at_its_end", lambda _: False)
     monkeypatch.setattr(select, "pruned", lambda linear, accepted: (accepted, linear))
     problem = SimpleNamespace(patterns=(1,), data=1000.0)
     assert select._search(problem, lambda _: None, lambda work, *on: work(*on)).verdict == verdict
