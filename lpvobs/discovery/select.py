@@ -217,9 +217,8 @@ def _search(
         # More than what may be left: proven, where healthy drives tell how errors look.
         counts = is_proven if len(problem.patterns) else is_relevant
         again = [c for c in (found[0], best) if counts(c, linear) and same_place_again(c, accepted, problem)]
-        if not all(
-            is_below_none(c.term) and c.term.whole for c in again
-        ):  # what the named one leaves cannot be, either
+        # One that is less than none all along cannot be: it stands for what the named one leaves.
+        if not all(is_below_none(c.term) and c.term.whole for c in again):
             return _Search("unexplained", [], before, before, ranking, accepted)
         if not is_proven(best, linear) or best.id in named:
             break
