@@ -21,7 +21,7 @@ from lpvobs.simulation.simulate import simulate
 
 HEAVY = CONFIG.with_name("heavy-duty.toml")
 FEW = 5
-FIRST_SEED = 607959
+FIRST_SEED = 551664
 UNDECLARED = (
     CatalogueEffect("maf.lag", 0.1),
     CatalogueEffect("maf.gain", 1.06, onset=600.0),
