@@ -176,6 +176,14 @@ def cause_of(id_: str) -> tuple[str, frozenset[str]]:
     return form.target, frozenset(factor.signal for factor in form.factors[form.relative :])
 
 
+def share_a_signal(ids: Sequence[str]) -> bool:
+    """Return whether there is a channel that all forms among some identifiers have, or at most one form."""
+    each = [
+        {name for signal in cause_of(id_)[1] for name in signal.split("/")} for id_ in ids if id_.startswith(PREFIX)
+    ]
+    return len(each) < 2 or bool(set.intersection(*each))
+
+
 def without_variants(ids: Sequence[str]) -> list[str]:
     """Return identifiers without forms of one target that follow the signals of an earlier one, or those of any other and more."""
     of = [cause_of(id_) if id_.startswith(PREFIX) else None for id_ in ids]

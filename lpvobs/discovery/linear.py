@@ -88,7 +88,8 @@ class Linear:
         products = self.products(columns)
         mean, difference = columns.reshape(len(columns), 2, -1).swapaxes(0, 1)
         gradient = np.array([dot(column, self.residual) for column in columns]) - products @ self.newton_step
-        return gradient, mean @ mean.T - difference @ difference.T - products @ self.project(products.T)
+        white = scipy.linalg.solve_triangular(self.factor, products.T, lower=True, check_finite=False)
+        return gradient, mean @ mean.T - difference @ difference.T - white.T @ white
 
     def products(self, y: Array) -> Array:
         """Return the products of whitened vectors, shape (..., 2, B, K), with every unknown's column, shape (..., n)."""

@@ -137,17 +137,20 @@ def drives_needed(candidates: Sequence[Candidate], problem: Problem) -> tuple[st
 
 def _may_be_named(candidate: Candidate, problem: Problem) -> bool:
     """Return whether nothing but chance stands between a candidate and its name."""
-    return candidate.gain >= least_gain(problem) and not (is_uneven(candidate, problem) or is_slight(candidate.term))
+    return candidate.gain >= least_gain(problem) and not (
+        is_uneven(candidate, problem) or is_slight(candidate.term, problem)
+    )
 
 
-def is_slight(term: Term) -> bool:
+def is_slight(term: Term, problem: Problem) -> bool:
     """Return whether a listed effect is too small for a fault, where healthy drives tell: constants may have changed since.
 
     They have done so before the first sample, whatever they follow, and do not drift.
     """
     listed = term.effect.parameter != "rate" and not term.effect.id.startswith(PREFIX)
     lasts = term.whole and (term.course is None or (term.course.ends == 0 and term.course.name != "ramp"))
-    return lasts and listed and abs(term.size - term.effect.null) < thresholds.SLIGHT * term.effect.size
+    small = abs(term.size - term.effect.null) < thresholds.SLIGHT * term.effect.size
+    return len(problem.patterns) > 0 and lasts and listed and small
 
 
 def structure(linear: Linear) -> float:
@@ -159,12 +162,12 @@ def chance_of_nothing(first: Linear, ranking: Sequence[Candidate]) -> float:
     """Return the probability of the strongest candidate of all, or of such a structure in time, if nothing is there.
 
     Noise is not all that a sound model leaves: its error, a share of the data, widens the distribution of every gain. The gain of a
-    formula has paid the price of its search.
+    formula has paid the price of its search. Where healthy drives tell, constants that changed by little since are nothing, too.
     """
     problem, blocks = first.problem, first.problem.coarse_blocks
     # In units of the variance by noise; where several healthy drives tell of the error, `Candidate.told` has it.
     wider = 1.0 if problem.seeming.drives > 1 else 1.0 + thresholds.MODEL_ERROR * problem.data
-    single = min(chance(c, problem, wider) for c in ranking)
+    single = min((chance(c, problem, wider) for c in ranking if not is_slight(c.term, problem)), default=1.0)
     elsewhere = elsewhere_of(first) / problem.seeming.uneven
     uneven = float(scipy.special.chdtrc(blocks, elsewhere * blocks / wider))
     return min(single, _families(problem) * len(problem.carriers) * uneven)

@@ -14,7 +14,7 @@ from lpvobs.discovery.course_choice import comes_and_goes, on_courses, sharpened
 from lpvobs.discovery.evidence import Candidate, dated_again, fit_candidate
 from lpvobs.discovery.fit import fit, objective, refit, standard_errors, with_term, without
 from lpvobs.discovery.form_search import beside_forms, best_forms
-from lpvobs.discovery.forms import PREFIX, parsed
+from lpvobs.discovery.forms import PREFIX, parsed, share_a_signal
 from lpvobs.discovery.held_out import Losses, compare, cross_validated
 from lpvobs.discovery.inside import settled
 from lpvobs.discovery.joint_choice import Accepted, at_its_end, choose_again, choose_all_again, finished, is_below_none
@@ -88,25 +88,34 @@ def select(problem: Problem, progress: Callable[[float], None] = lambda _: None)
     if search.verdict == "unexplained" or rivals.best is not None:
         leader = rivals.best if rivals.clearly and nothing < thresholds.SIGNIFICANT else None
         search = _with_forms(problem, progress, once, search, leader)
-    final = _with_all(search.linear)
-    if _has_slight(final):  # once all data tell
-        search = _Search(unnamed, [], search.first, search.first, search.ranking, search.accepted)
-        final = _with_all(search.linear)
-    accepted = search.accepted
-    losses = compare(_bare(search.linear), search.linear)
     progress(0.95)
-    errors = standard_errors(final)
-    bare = _bare(final)
-    effects = tuple(
-        finished(final, bare if len(accepted) == 1 else without(final, i), i, c, float(errors[i]), forms)
-        for i, c in enumerate(accepted)
-        for forms in [search.forms if final.terms[i].effect in search.forms else rivals.as_good if c in named else ()]
-    )
+    effects = _finished(final := _with_all(search.linear), search, rivals.as_good if search.accepted is named else ())
+    if _has_slight(final) or not _say_something(effects):  # once all data tell
+        search = _Search(unnamed, [], search.first, search.first, search.ranking, search.accepted)
+        final, effects = _with_all(search.linear), ()
+    losses = compare(_bare(search.linear), search.linear)
     forget()
     progress(1.0)
     ranking, leading = (_each_once(found) for found in (search.ranking, (*search.on_the_way, *search.ranking)))
     needed = drives_needed(tried, problem) if search.verdict == "none" else None
-    return Selection(search.verdict, effects, bare, final, losses, ranking, nothing, leading, needed)
+    return Selection(search.verdict, effects, _bare(final), final, losses, ranking, nothing, leading, needed)
+
+
+def _finished(final: Linear, search: _Search, as_good: tuple[Effect, ...]) -> tuple[Accepted, ...]:
+    """Return what was accepted as all data tell of it; `as_good` are formulas that rival a listed effect."""
+    bare, errors, alone = _bare(final), standard_errors(final), len(final.terms) == 1
+    return tuple(
+        finished(final, bare if alone else without(final, i), i, c, float(errors[i]), search.forms if own else as_good)
+        for i, c in enumerate(search.accepted)
+        for own in [final.terms[i].effect in search.forms]
+    )
+
+
+def _say_something(effects: Sequence[Accepted]) -> bool:
+    """Return whether the formulas that are named have a signal in common, and so has each with its rivals, if they are many."""
+    alike = [[effect.candidate.id, *effect.indistinguishable] for effect in effects]
+    many = [ids for ids in alike if len(ids) >= thresholds.SHORTLIST and ids[0].startswith(PREFIX)]
+    return all(share_a_signal(ids) for ids in [[ids[0] for ids in alike], *many])
 
 
 def _each_once(found: Sequence[Candidate]) -> tuple[Candidate, ...]:
@@ -138,16 +147,15 @@ def _rival_forms(search: _Search, once: Once) -> _Rivals:
 
 
 def _in_place_of(linear: Linear, listed: Sequence[Candidate], channels: Sequence[int]) -> _Rivals:
-    """Return the formula that explains clearly more in place of a curve over a channel, which is what some of the names are."""
-    left, best, most = objective(linear), None, 0.0
+    """Return a formula that explains clearly more in place of a curve over a channel, the first one of the names that has such."""
+    left = objective(linear)
     for i in channels:
         bare = without(linear, i)
         gain = objective(bare) - left
         for form in best_forms(bare, [replace(listed[i], gain=gain)]):
-            more = left - objective(refit(bare, [*bare.terms, form.term])) - _clear(gain)
-            if more > most:
-                best, most = form, more
-    return _Rivals(best, best is not None)
+            if left - objective(refit(bare, [*bare.terms, form.term])) > _clear(gain):
+                return _Rivals(form, clearly=True)
+    return _Rivals()
 
 
 def _clear(gain: float) -> float:
@@ -179,16 +187,24 @@ def _with_forms(
     wider = _search(problem, progress, once, with_forms=True, leader=leader)
     few = len(wider.accepted) <= (len(search.accepted) or 3)
     form = few and any(c.id.startswith(PREFIX) for c in wider.accepted)
-    learned = len(problem.patterns) > 0  # what is left is then mostly what healthy drives leave, too
-    if form and (
-        learned or cross_validated(_bare(wider.linear), wider.linear).comparison().ratio < thresholds.FORM_LEAVES
-    ):
+    if form and _leaves_less(wider.linear):
         rivals = tuple(c.term.effect for c in wider.ranking if c.id.startswith(PREFIX))
         return replace(wider, ranking=search.ranking, forms=rivals)
     way = wider.accepted or wider.on_the_way
     if leader is not None and any(c.id.startswith(PREFIX) for c in way):
         return _Search("unexplained", [], search.first, search.first, search.ranking, (leader, *way))
     return replace(search, on_the_way=wider.on_the_way) if search.verdict == "unexplained" else search
+
+
+def _leaves_less(linear: Linear) -> bool:
+    """Return whether a model with formulas leaves less by what a formula must take off.
+
+    Blocks that are left out tell; where healthy drives tell, too, all of them: the rest is mostly what a healthy engine leaves.
+    """
+    bare = _bare(linear)
+    if len(linear.problem.patterns):
+        return objective(linear) < thresholds.FORM_LEAVES * objective(bare)
+    return cross_validated(bare, linear).comparison().ratio < thresholds.FORM_LEAVES
 
 
 def _search(
@@ -223,7 +239,8 @@ def _search(
         if not is_proven(best, linear) or best.id in named:
             break
         longer = once(_with_one_more, linear, best, accepted)
-        if longer is None or (accepted and _is_changed_constant(longer[0])):
+        # What is too small for a fault takes no name away from those before it.
+        if longer is None or (accepted and is_slight(longer[0].terms[-1], problem)):
             break
         linear, accepted = longer
     needed, linear = pruned(linear, accepted)
@@ -239,13 +256,8 @@ def _search(
 
 
 def _has_slight(linear: Linear) -> bool:
-    """Return whether a listed effect is too small for a fault, where healthy drives tell."""
-    return any(is_slight(term) for term in linear.terms) and len(linear.problem.patterns) > 0
-
-
-def _is_changed_constant(linear: Linear) -> bool:
-    """Return whether the newest effect is too small for a fault: it takes no name away from those before it."""
-    return len(linear.problem.patterns) > 0 and is_slight(linear.terms[-1])
+    """Return whether an effect of the model is too small for a fault."""
+    return any(is_slight(term, linear.problem) for term in linear.terms)
 
 
 def _beside_itself(linear: Linear, candidate: Candidate) -> Candidate:

@@ -331,8 +331,8 @@ gained 245 and 335 over a channel's curve."""
 FORM_SHARE = 0.01
 """[1] Share of its gain that each further unknown of a form must bring beside COST. Set by choice: as each end of an interval."""
 FORM_LEAVES = 0.9
-"""[1] Error on blocks left out, after over before, that a named formula must stay under. Set by drives with altered readings:
-a wrong formula left 0.935, on the stretches that are judged 0.94; right ones left 0.78 and less on those."""
+"""[1] Error on blocks left out, after over before, that a named formula must stay under; of the sum of squares if healthy drives
+tell. Set by drives with altered readings: a wrong one left 0.935, right ones 0.78 and less. There by seed 241962: 0.95; 0.81."""
 FORM_MOST = 50.0
 """[1] Noticeable sizes within which the coefficient of a form is sought. Set by choice: a reading may be off by all of itself."""
 FORM_SHARE_MOST = 0.8

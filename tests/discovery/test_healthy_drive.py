@@ -40,7 +40,7 @@ from lpvobs.discovery.ranking import chance_of_nothing, least_gain
 from lpvobs.discovery.refine import refine
 from lpvobs.discovery.residual import Term, lay_out
 from lpvobs.discovery.select import _beside_itself
-from lpvobs.discovery.thresholds import PROVEN, TOLD
+from lpvobs.discovery.thresholds import PROVEN, SPACING, TOLD
 from lpvobs.io.results.mapping import read, write
 from lpvobs.simulation.parameters import ErrorSurface
 
@@ -584,6 +584,14 @@ def test_fast_errors_last_as_long_at_any_spacing(laid_out, clean, healthy):
         * np.maximum(healthy.lasting / far.spacing, 1.0)[:, None]
         / np.maximum(healthy.lasting / problem.spacing, 1.0)[:, None],
     )
+
+
+@pytest.mark.parametrize(("lasting", "every"), [(0.1922, 2.0), (0.17, 1.0), (1.0, 2.0)])
+def test_every_other_instant_will_do_where_a_balance_loses_little_by_that(healthy, lasting, every):
+    """An engine whose errors lasted 0.1922 s, and not twice 0.0973, took twice the time: up to 25 s for 15 minutes."""
+    known = replace(healthy, lasting=np.where(healthy.amplitude > 0.0, lasting, 0.0))
+    assert known.spacing == every * SPACING
+    assert lasting > 0.9 * known.spacing
 
 
 def test_a_shift_of_a_balance_bends_nothing(laid_out, clean):
