@@ -81,7 +81,7 @@ def choose_again(linear: Linear, candidate: Candidate) -> tuple[Candidate, Linea
     if on_course is not again and _is_better(linear, bare, on_course, again):
         return _course_again(fit(problem, [*bare.terms, on_course.term], start=linear), on_course)
     curved = curve_in_place_of(bare, again.term)
-    if curved is not None and score(curved) > score(again) + tie_with(again, problem) and is_proven(curved, bare):
+    if curved is not None and score(curved) > score(again) + TIE and is_proven(curved, bare):
         found = _curve_again(fit(problem, [*bare.terms, curved.term], start=linear), curved)
         if not at_its_end(found[1].terms[newest]):
             return found
@@ -288,23 +288,20 @@ def _as_fitted(linear: Linear, bare: Linear, candidate: Candidate) -> Candidate:
     return replace(candidate, gain=objective(bare) - objective(linear) - cost, loss=loss_of(linear))
 
 
-def tie_with(best: Candidate, problem: Problem) -> float:
-    """Return the difference of gains that is a tie: where healthy drives tell, what the shape of a cause may be off by."""
-    return max(TIE, SHAPE**2 * best.gain if len(problem.patterns) else 0.0)
-
-
 def fits_as_well(best: Candidate, other: Candidate, problem: Problem) -> bool:
     """Return whether another effect explains the log as well as the best one does.
 
     Two tests compare the losses by block, and neither may prefer the best effect: the sum of the differences (after Vuong), which
     a single block with a large difference may spoil, and their signed ranks, which many blocks with small differences may spoil.
-    Where all blocks together differ by less than a tie, neither test is needed. A dead time and a slow response that are shorter
-    than the window of a place differ in the fastest changes alone, in which an engine that is not the model has errors of its own:
-    either may be the other where healthy drives tell.
+    Where all blocks together differ by less than a tie, neither test is needed. Where healthy drives tell, the engine is not the
+    model, and a cause is not quite the catalogue's: gains that differ by what its shape is off by are a tie. A dead time and a
+    slow response that are shorter than the window of a place differ in the fastest changes alone, in which such an engine has
+    errors of its own: either may be the other.
     """
-    if other.gain > best.gain - tie_with(best, problem):
-        return True
     learned = len(problem.patterns) > 0
+    tie = max(TIE, SHAPE**2 * best.gain if learned else 0.0)
+    if other.gain > best.gain - tie:
+        return True
     short = [each.term.effect.late and abs(each.term.size) < 2.0 * HALF_WIDTH for each in (best, other)]
     if learned and all(short):
         return other.gain > 0.5 * best.gain

@@ -14,7 +14,6 @@ from lpvobs.discovery.fit import fit, objective, refit, standard_errors, without
 from lpvobs.discovery.inside import settled, with_inside
 from lpvobs.discovery.joint_choice import at_its_end
 from lpvobs.discovery.known_effects import NINETY
-from lpvobs.discovery.patterns import Patterns
 from lpvobs.discovery.residual import Term
 from lpvobs.discovery.thresholds import BLOCK, COST
 from lpvobs.discovery.variation import told_of
@@ -51,32 +50,6 @@ def test_an_onset_that_weights_of_the_fault_have_misled_is_sought_again_beside_t
     named, _ = joint_choice.choose_again(late, in_place(late, 0, fit_candidate(late, gain, ONSET + 60.0)))
     assert named.id == "p_im.gain"
     assert named.term.begin == pytest.approx(ONSET, abs=BLOCK)
-
-
-@pytest.mark.parametrize(
-    ("more", "learned", "name"), [(0.1, True, "egr.area"), (0.15, True, "curve"), (0.1, False, "curve")]
-)
-def test_a_curve_that_explains_slightly_more_than_its_factor_takes_no_name_away(
-    laid_out, plant, clean, monkeypatch, more, learned, name
-):
-    """An EGR valve with 0.85 of its area was `egr.curve`, which explained 8 % more, by as much as a half at some place."""
-    linear = fit(laid_out(clean), [Term(plant.effect("egr.area"), 0.85)])
-    own = replace(fit_candidate(linear, plant.effect("egr.area"), size=0.85), gain=400.0)
-    curve = SimpleNamespace(id="curve", gain=(1.0 + more) * 400.0, ends=0, changes=0, price=0.0, term=own.term)
-    problem = replace(
-        linear.problem,
-        patterns=Patterns(tuple(np.ones((1, linear.problem.K)) for _ in range(4))) if learned else Patterns(()),
-    )
-    for function, value in (
-        ("fit_candidate", own), ("rank_in", []), ("with_best_interval", own), ("_in_its_place", []), ("_joint_best", own),
-        ("best_course", own), ("curve_in_place_of", curve), ("is_proven", True), ("score", None), ("in_place", own),
-        ("fit", linear), ("without", replace(linear, problem=problem, terms=())), ("at_its_end", False),
-    ):  # fmt: skip
-        monkeypatch.setattr(joint_choice, function, lambda *_, value=value, **__: value)
-    monkeypatch.setattr(joint_choice, "score", lambda each: each.gain)
-    monkeypatch.setattr(joint_choice, "_curve_again", lambda *_: (curve, linear))
-    found, _ = joint_choice.choose_again(replace(linear, problem=problem), own)
-    assert found.id == name
 
 
 def test_the_curve_over_a_channel_is_found_again_beside_the_weights_that_it_leaves(laid_out, plant, clean, misread):
