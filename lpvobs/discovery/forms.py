@@ -177,11 +177,13 @@ def cause_of(id_: str) -> tuple[str, frozenset[str]]:
 
 
 def share_a_signal(ids: Sequence[str]) -> bool:
-    """Return whether there is a channel that all forms among some identifiers have, or at most one form."""
-    each = [
-        {name for signal in cause_of(id_)[1] for name in signal.split("/")} for id_ in ids if id_.startswith(PREFIX)
-    ]
-    return len(each) < 2 or bool(set.intersection(*each))
+    """Return whether there is a channel that all forms of one target among some identifiers follow, if they follow any."""
+    followed: dict[str, list[set[str]]] = {}
+    for target, signals in (cause_of(id_) for id_ in ids if id_.startswith(PREFIX)):
+        followed.setdefault(target, []).extend(
+            [{name for each in signals for name in each.split("/")}] if signals else []
+        )
+    return all(not each or set.intersection(*each) for each in followed.values())
 
 
 def without_variants(ids: Sequence[str]) -> list[str]:

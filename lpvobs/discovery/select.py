@@ -46,7 +46,7 @@ class Selection:
     after: Linear  # the same
     losses: Losses  # computed on stretches that no fit and no choice has seen
     ranking: tuple[Candidate, ...]  # of the first round
-    p_value: float  # that nothing is there
+    p_value: float  # that nothing is there, or where healthy drives tell, nothing that is no changed constant
     leading: tuple[Candidate, ...]  # what comes nearest: what the search had accepted on its way, then the ranking
     needed: tuple[str, int] | None  # verdict `none`: what more healthy drives would prove, and how many in all
 
@@ -78,32 +78,35 @@ def select(problem: Problem, progress: Callable[[float], None] = lambda _: None)
     # The search with formulas takes the steps of the first one where none of them leads.
     once: Once = cache(lambda work, *on: work(*on))
     search = _search(problem, progress, once)
-    tried = [*search.ranking, *_forms_of(search, once)[:1]] if len(problem.patterns) else search.ranking
+    learned = len(problem.patterns) > 0
+    tried = [*search.ranking, *_forms_of(search, once)[:1], *search.on_the_way] if learned else search.ranking
     nothing, named = chance_of_nothing(search.first, tried), search.accepted
     # Where healthy drives tell how errors look, the probability of nothing is that of the verdict.
-    unnamed = "unexplained" if nothing < thresholds.SIGNIFICANT else "none"
-    if len(problem.patterns) and search.verdict != "effect":
+    unnamed = "none" if learned and nothing >= thresholds.SIGNIFICANT else "unexplained"
+    if learned and search.verdict != "effect":
         search = replace(search, verdict=unnamed)
     rivals = _rival_forms(search, once)
     if search.verdict == "unexplained" or rivals.best is not None:
         leader = rivals.best if rivals.clearly and nothing < thresholds.SIGNIFICANT else None
         search = _with_forms(problem, progress, once, search, leader)
     progress(0.95)
-    effects = _finished(final := _with_all(search.linear), search, rivals.as_good if search.accepted is named else ())
-    if _has_slight(final) or not _say_something(effects):  # once all data tell
+    bare = _bare(final := _with_all(search.linear))
+    effects = _finished(final, bare, search, rivals.as_good if search.accepted is named else ())
+    if _has_slight(final) or not all(_says_something(effect) for effect in effects):  # once all data tell
         search = _Search(unnamed, [], search.first, search.first, search.ranking, search.accepted)
-        final, effects = _with_all(search.linear), ()
+        bare, effects = (final := _with_all(search.linear)), ()
+    nothing = min([nothing, *(effect.p_value for effect in effects)])
     losses = compare(_bare(search.linear), search.linear)
     forget()
     progress(1.0)
     ranking, leading = (_each_once(found) for found in (search.ranking, (*search.on_the_way, *search.ranking)))
     needed = drives_needed(tried, problem) if search.verdict == "none" else None
-    return Selection(search.verdict, effects, _bare(final), final, losses, ranking, nothing, leading, needed)
+    return Selection(search.verdict, effects, bare, final, losses, ranking, nothing, leading, needed)
 
 
-def _finished(final: Linear, search: _Search, as_good: tuple[Effect, ...]) -> tuple[Accepted, ...]:
+def _finished(final: Linear, bare: Linear, search: _Search, as_good: tuple[Effect, ...]) -> tuple[Accepted, ...]:
     """Return what was accepted as all data tell of it; `as_good` are formulas that rival a listed effect."""
-    bare, errors, alone = _bare(final), standard_errors(final), len(final.terms) == 1
+    errors, alone = standard_errors(final), len(final.terms) == 1
     return tuple(
         finished(final, bare if alone else without(final, i), i, c, float(errors[i]), search.forms if own else as_good)
         for i, c in enumerate(search.accepted)
@@ -111,11 +114,10 @@ def _finished(final: Linear, search: _Search, as_good: tuple[Effect, ...]) -> tu
     )
 
 
-def _say_something(effects: Sequence[Accepted]) -> bool:
-    """Return whether the formulas that are named have a signal in common, and so has each with its rivals, if they are many."""
-    alike = [[effect.candidate.id, *effect.indistinguishable] for effect in effects]
-    many = [ids for ids in alike if len(ids) >= thresholds.SHORTLIST and ids[0].startswith(PREFIX)]
-    return all(share_a_signal(ids) for ids in [[ids[0] for ids in alike], *many])
+def _says_something(effect: Accepted) -> bool:
+    """Return whether a formula has a signal in common with its rivals, formulas that explain the logs as well, if they are many."""
+    alike = [id_ for id_ in (effect.candidate.id, *effect.indistinguishable) if id_.startswith(PREFIX)]
+    return effect.candidate.id not in alike or len(alike) < thresholds.FORM_ALIKE or share_a_signal(alike)
 
 
 def _each_once(found: Sequence[Candidate]) -> tuple[Candidate, ...]:
@@ -187,13 +189,13 @@ def _with_forms(
     wider = _search(problem, progress, once, with_forms=True, leader=leader)
     few = len(wider.accepted) <= (len(search.accepted) or 3)
     form = few and any(c.id.startswith(PREFIX) for c in wider.accepted)
-    if form and _leaves_less(wider.linear):
+    if form and share_a_signal([c.id for c in wider.accepted]) and _leaves_less(wider.linear):
         rivals = tuple(c.term.effect for c in wider.ranking if c.id.startswith(PREFIX))
         return replace(wider, ranking=search.ranking, forms=rivals)
     way = wider.accepted or wider.on_the_way
     if leader is not None and any(c.id.startswith(PREFIX) for c in way):
         return _Search("unexplained", [], search.first, search.first, search.ranking, (leader, *way))
-    return replace(search, on_the_way=wider.on_the_way) if search.verdict == "unexplained" else search
+    return replace(search, on_the_way=way or search.on_the_way) if search.verdict == "unexplained" else search
 
 
 def _leaves_less(linear: Linear) -> bool:

@@ -312,8 +312,7 @@ taken for one that follows the fuel; the best are refined to a twenty-fifth."""
 FORM_SEEN = 1e-3
 """[1] Share of a form's power that map and unknowns must leave. Set by rounding: below, a gain is nothing; held by run 11."""
 FORM_REACH = 5.0
-"""[1] Standard deviations of a channel within which its reference is sought. Set by choice: farther away the product is a
-constant, and the catalogue has constants; held by run 11."""
+"""[1] Standard deviations of a channel within which its reference is sought. Set by choice: farther away, a form is a constant."""
 FORM_FLAT = 0.05
 """[1] Relative scatter below which a factor is a constant unless it has a reference. Set by choice: air of a few kelvin more or
 less says nothing, and a product with it is what the catalogue has without; held by run 11."""
@@ -340,9 +339,10 @@ FORM_SHARE_MOST = 0.8
 which a search came upon; no decision of run 11 comes near it."""
 FORM_NOTICED = 0.02
 """[1] Share of a reading, rms, that a careful engineer would notice. Set by choice: as for the listed gains; held by run 11."""
+FORM_ALIKE = 4
+"""[1] Forms that explain the logs alike: so many must share a signal. Set by seed 241962: a wrong one was one of five."""
 FORM_RIVALS = 3
-"""[1] Forms of one target, each of another signal, that go on from the first screening. Set by trial: what leads to first order
-is not always the best beside all unknowns; held by run 11."""
+"""[1] Forms of one target, each of another signal, that go on from the first screening. Set by trial; held by run 11."""
 FORM_FIRST = 12
 """[1] Signals that a product of two begins with: those that gain most alone. Set by 23 drives of seed 811111: two of all signals
 gave two other formulas, as right."""

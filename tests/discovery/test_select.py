@@ -10,6 +10,7 @@ import scipy
 from lpvobs.discovery import form_search, ranking, select
 from lpvobs.discovery.courses import TracedCourse
 from lpvobs.discovery.evidence import Candidate
+from lpvobs.discovery.forms import share_a_signal
 from lpvobs.discovery.patterns import Seeming
 from lpvobs.discovery.ranking import FAMILIES, chance, drives_needed, is_proven
 from lpvobs.discovery.thresholds import COST, LEAST_LENGTH, POOLED, SIGNIFICANT, SLIGHT
@@ -196,30 +197,32 @@ def test_where_healthy_drives_tell_formulas_take_off_a_tenth(monkeypatch, left, 
         ("T_coolant", ["time", "v_veh"], True),  # a few are listed beside the name
         ("(p_em/p_im - 1.06)", ["n_e * p_em", "p_em * time", "W_maf * (lag(p_em, 20 s) - 3 Pa)"], True),
         (None, ["time", "v_veh", "n_e"], True),  # a listed effect keeps its name
+        ("T_coolant", ["time", "", ""], True),  # one rival among listed effects
     ],
 )
 def test_a_formula_with_many_rivals_of_other_signals_says_nothing(named, rivals, something):
     """A housing that warmed up was a formula of the coolant, of the time, and of the vehicle's speed, all as good."""
     id_ = f"form:W_maf ~ W_maf * {named}" if named else "maf.gain"
-    like = tuple(f"form:W_maf ~ W_maf * {product}" for product in rivals)
+    like = tuple(f"form:W_maf ~ W_maf * {product}" if product else "maf.drift" for product in rivals)
     found = SimpleNamespace(candidate=SimpleNamespace(id=id_), indistinguishable=like)
-    assert select._say_something([found]) == something
+    assert select._says_something(found) == something
 
 
 @pytest.mark.parametrize(
-    ("products", "something"),
-    [(["humidity", "u_egr"], False), (["humidity", "humidity * time"], True), (["humidity"], True), ([], True)],
+    ("forms", "alike"),
+    [
+        (["W_maf ~ W_maf * humidity", "W_maf ~ W_maf * u_egr"], False),
+        (["W_maf ~ W_maf * humidity", "W_maf ~ W_maf * (lag(humidity, 20 s) - 3 %) * time"], True),
+        (["W_maf ~ W_maf * T_im", "W_maf ~ W_maf * (T_amb/T_im - 0.9)"], True),
+        (["W_maf ~ W_maf * humidity", "T_im ~ u_egr"], True),  # two readings that are wrong
+        (["W_maf ~ W_maf * humidity", "W_maf ~ 1"], True),
+        (["W_maf ~ W_maf * humidity"], True),
+        ([], True),
+    ],
 )
-def test_two_formulas_of_other_signals_say_nothing(products, something):
+def test_formulas_of_one_reading_have_a_signal_in_common(forms, alike):
     """Damp and warm air was a formula of the humidity and one of the valve: neither described it, both together hid it."""
-    found = [
-        SimpleNamespace(candidate=SimpleNamespace(id=f"form:W_maf ~ W_maf * {product}"), indistinguishable=())
-        for product in products
-    ]
-    assert (
-        select._say_something([*found, SimpleNamespace(candidate=SimpleNamespace(id="egr.leak"), indistinguishable=())])
-        == something
-    )
+    assert share_a_signal(["egr.leak", *(f"form:{form}" for form in forms)]) == alike
 
 
 @pytest.mark.parametrize(
@@ -236,7 +239,7 @@ def test_a_name_that_all_data_show_to_be_slight_or_one_of_many_is_none(
 ):
     problem = SimpleNamespace(patterns=(1,))
     found = SimpleNamespace(problem=problem, terms=())
-    named = SimpleNamespace(id="p_em.gain")
+    named = SimpleNamespace(id="p_em.gain", p_value=1e-12)
     for name, value in (
         ("_search", select._Search("effect", [named], found, found, [named])),
         ("_forms_of", []),
@@ -244,7 +247,7 @@ def test_a_name_that_all_data_show_to_be_slight_or_one_of_many_is_none(
         ("_rival_forms", select._Rivals()),
         ("_with_all", SimpleNamespace(terms=[SimpleNamespace(effect=named)], problem=problem)),
         ("_has_slight", slight),
-        ("_say_something", something),
+        ("_says_something", something),
         ("_bare", None),
         ("compare", None),
         ("standard_errors", [0.0]),
@@ -254,6 +257,7 @@ def test_a_name_that_all_data_show_to_be_slight_or_one_of_many_is_none(
         monkeypatch.setattr(select, name, lambda *_, value=value, **__: value)
     chosen = select.select(problem)
     assert chosen.verdict == verdict
+    assert chosen.p_value == (1e-12 if verdict == "effect" else nothing)
     assert chosen.needed == (("p_em.gain", 9) if verdict == "none" else None)
     assert chosen.accepted == ((named,) if verdict == "effect" else ())
     assert named in chosen.leading  # what it would have been
@@ -323,6 +327,30 @@ def test_a_name_that_a_formula_surpasses_is_given_up_where_the_formula_is_proven
     else:
         assert (found.verdict, found.accepted, found.ranking) == ("unexplained", [], search.ranking)
         assert found.on_the_way == (leader, *(accepted or way))  # it is handed over, the formula first
+
+
+@pytest.mark.parametrize("leader", [True, False])
+def test_a_formula_that_takes_off_too_little_stays_a_candidate(monkeypatch, leader):
+    """Where it explains clearly more than a name, that name is given up; else what was found before stays."""
+    first = SimpleNamespace(problem=SimpleNamespace(patterns=(1,)))
+    form, before = SimpleNamespace(id="form:W_maf ~ u_delta"), SimpleNamespace(id="maf.drift")
+    search = select._Search(
+        "effect" if leader else "unexplained", [before] if leader else [], None, first, (), (before,)
+    )
+    monkeypatch.setattr(select, "_search", lambda *_, **__: select._Search("effect", [form], None, first, ()))
+    monkeypatch.setattr(select, "_leaves_less", lambda _: False)
+    found = select._with_forms(first.problem, None, None, search, form if leader else None)
+    assert (found.verdict, found.accepted) == ("unexplained", [])
+    assert found.on_the_way == ((form, form) if leader else [form])
+
+
+@pytest.mark.parametrize(("ratio", "less"), [(0.91, False), (0.89, True)])
+def test_without_healthy_drives_blocks_that_are_left_out_tell_what_formulas_take_off(monkeypatch, ratio, less):
+    linear = SimpleNamespace(problem=SimpleNamespace(patterns=()))
+    compared = SimpleNamespace(comparison=lambda: SimpleNamespace(ratio=ratio))
+    monkeypatch.setattr(select, "_bare", lambda _: None)
+    monkeypatch.setattr(select, "cross_validated", lambda *_: compared)
+    assert select._leaves_less(linear) == less
 
 
 def test_the_search_begins_with_the_formula_that_leads(monkeypatch):
