@@ -142,15 +142,19 @@ def _may_be_named(candidate: Candidate, problem: Problem) -> bool:
     )
 
 
+def is_small(term: Term, problem: Problem) -> bool:
+    """Return whether a listed effect is too small for a fault, where healthy drives tell: what others leave may look like it."""
+    listed = len(problem.patterns) > 0 and not term.effect.id.startswith(PREFIX)
+    return listed and abs(term.size - term.effect.null) < thresholds.SLIGHT * term.effect.size
+
+
 def is_slight(term: Term, problem: Problem) -> bool:
-    """Return whether a listed effect is too small for a fault, where healthy drives tell: constants may have changed since.
+    """Return whether a small effect may be constants that have changed since the healthy drives.
 
     They have done so before the first sample, whatever they follow, and do not drift.
     """
-    listed = term.effect.parameter != "rate" and not term.effect.id.startswith(PREFIX)
     lasts = term.whole and (term.course is None or (term.course.ends == 0 and term.course.name != "ramp"))
-    small = abs(term.size - term.effect.null) < thresholds.SLIGHT * term.effect.size
-    return len(problem.patterns) > 0 and lasts and listed and small
+    return lasts and term.effect.parameter != "rate" and is_small(term, problem)
 
 
 def structure(linear: Linear) -> float:

@@ -26,6 +26,7 @@ from lpvobs.discovery.ranking import (
     is_proven,
     is_relevant,
     is_slight,
+    is_small,
     is_uneven,
     structure,
 )
@@ -242,7 +243,7 @@ def _search(
             break
         longer = once(_with_one_more, linear, best, accepted)
         # What is too small for a fault takes no name away from those before it.
-        if longer is None or (accepted and is_slight(longer[0].terms[-1], problem)):
+        if longer is None or (accepted and is_small(longer[0].terms[-1], problem)):
             break
         linear, accepted = longer
     needed, linear = pruned(linear, accepted)
@@ -258,7 +259,7 @@ def _search(
 
 
 def _has_slight(linear: Linear) -> bool:
-    """Return whether an effect of the model is too small for a fault."""
+    """Return whether an effect of the model may be constants that have changed."""
     return any(is_slight(term, linear.problem) for term in linear.terms)
 
 

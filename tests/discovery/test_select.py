@@ -136,24 +136,24 @@ def test_a_formula_rivals_what_is_named_where_it_explains_enough(monkeypatch, na
 
 
 @pytest.mark.parametrize(
-    ("term", "patterns", "slight"),
+    ("term", "patterns", "slight", "small"),
     [
-        ({"size": 1.0 - 1.01 * SLIGHT * 0.01}, (1,), False),
-        ({"size": 1.0 - 0.99 * SLIGHT * 0.01}, (1,), True),
-        ({}, (1,), True),
-        ({}, (), False),  # the constants' tolerance is known there
-        ({"whole": False}, (1,), False),  # constants do not change within a drive
-        ({"course": TracedCourse("saturating", time_constant=100.0)}, (1,), True),
-        ({"course": TracedCourse("hysteresis", input="n_e")}, (1,), True),
-        ({"course": TracedCourse("saturating", begin=150.0, time_constant=100.0)}, (1,), False),
-        ({"course": TracedCourse("intermittent", intervals=((0.0, 9.0), (20.0, 29.0)))}, (1,), False),
-        ({"course": TracedCourse("ramp")}, (1,), False),  # constants do not drift
-        ({"curve": "a curve"}, (1,), True),
-        ({"id": "form:W_maf ~ W_maf * humidity"}, (1,), False),
-        ({"parameter": "rate"}, (1,), False),
+        ({"size": 1.0 - 1.01 * SLIGHT * 0.01}, (1,), False, False),
+        ({"size": 1.0 - 0.99 * SLIGHT * 0.01}, (1,), True, True),
+        ({}, (1,), True, True),
+        ({}, (), False, False),  # the constants' tolerance is known there
+        ({"whole": False}, (1,), False, True),  # constants do not change within a drive
+        ({"course": TracedCourse("saturating", time_constant=100.0)}, (1,), True, True),
+        ({"course": TracedCourse("hysteresis", input="n_e")}, (1,), True, True),
+        ({"course": TracedCourse("saturating", begin=150.0, time_constant=100.0)}, (1,), False, True),
+        ({"course": TracedCourse("intermittent", intervals=((0.0, 9.0), (20.0, 29.0)))}, (1,), False, True),
+        ({"course": TracedCourse("ramp")}, (1,), False, True),  # constants do not drift
+        ({"curve": "a curve"}, (1,), True, True),
+        ({"id": "form:W_maf ~ W_maf * humidity"}, (1,), False, False),
+        ({"parameter": "rate"}, (1,), False, True),
     ],
 )
-def test_what_is_half_as_large_as_one_notices_has_no_name(term, patterns, slight):
+def test_what_is_half_as_large_as_one_notices_has_no_name(term, patterns, slight, small):
     """Constants that had changed since the healthy drives were an exhaust pressure read 0.5 % too high, with p = 1e-59."""
     usual = {"id": "p_em.gain", "size": 1.0 + 0.99 * SLIGHT * 0.01, "parameter": "factor"}
     usual |= {"whole": True, "curve": None, "course": None} | term
@@ -161,7 +161,9 @@ def test_what_is_half_as_large_as_one_notices_has_no_name(term, patterns, slight
     lag = SimpleNamespace(id="maf.lag", parameter="tau", null=0.0, size=0.03)
     large = SimpleNamespace(size=0.07, curve=None, course=None, whole=True, effect=lag)
     terms = (large, SimpleNamespace(effect=effect, **usual))
-    assert select._has_slight(SimpleNamespace(terms=terms, problem=SimpleNamespace(patterns=patterns))) == slight
+    problem = SimpleNamespace(patterns=patterns)
+    assert select._has_slight(SimpleNamespace(terms=terms, problem=problem)) == slight
+    assert ranking.is_small(terms[1], problem) == small
 
 
 @pytest.mark.parametrize(("gain", "expected"), [(40.0, 1e-9), (15.0, 0.05)])
@@ -515,7 +517,8 @@ def test_beside_a_fault_a_constant_that_has_changed_takes_no_name_away(monkeypat
         return SimpleNamespace(terms=terms, problem=problem), found
 
     monkeypatch.setattr(select, "_with_one_more", one_more)
-    monkeypatch.setattr(select, "is_slight", lambda term, _: term.name in slight)
+    for function in ("is_slight", "is_small"):
+        monkeypatch.setattr(select, function, lambda term, _: term.name in slight)
     monkeypatch.setattr(select, "pruned", lambda linear, accepted: (accepted, linear))
     found = select._search(problem, lambda _: None, lambda work, *on: work(*on))
     assert (found.verdict, [c.id for c in found.accepted or found.on_the_way]) == (verdict, named)
