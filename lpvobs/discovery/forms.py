@@ -180,10 +180,9 @@ def share_a_signal(ids: Sequence[str]) -> bool:
     """Return whether there is a channel that all forms of one target among some identifiers follow, if they follow any."""
     followed: dict[str, list[set[str]]] = {}
     for target, signals in (cause_of(id_) for id_ in ids if id_.startswith(PREFIX)):
-        followed.setdefault(target, []).extend(
-            [{name for each in signals for name in each.split("/")}] if signals else []
-        )
-    return all(not each or set.intersection(*each) for each in followed.values())
+        if signals:
+            followed.setdefault(target, []).append({name for each in signals for name in each.split("/")})
+    return all(set.intersection(*each) for each in followed.values())
 
 
 def without_variants(ids: Sequence[str]) -> list[str]:

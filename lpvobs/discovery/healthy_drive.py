@@ -100,9 +100,9 @@ class HealthyDrive:
 
     @property
     def spacing(self) -> float:
-        """Distance of instants [s]: every other one, where all known errors last so long that no balance loses a tenth by that."""
+        """Distance of instants [s]: every other one, where all known errors last so long that no balance loses much by that."""
         known = self.lasting[self.amplitude > 0.0]
-        every = 2.0 if known.min(initial=np.inf) >= 0.9 * 2.0 * thresholds.SPACING else 1.0
+        every = 2.0 if known.min(initial=np.inf) >= thresholds.TAKEN * 2.0 * thresholds.SPACING else 1.0
         return every * thresholds.SPACING
 
     @cached_property

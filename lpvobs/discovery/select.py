@@ -91,11 +91,13 @@ def select(problem: Problem, progress: Callable[[float], None] = lambda _: None)
         leader = rivals.best if rivals.clearly and nothing < thresholds.SIGNIFICANT else None
         search = _with_forms(problem, progress, once, search, leader)
     progress(0.95)
-    bare = _bare(final := _with_all(search.linear))
+    final = _with_all(search.linear)
+    bare = _bare(final)
     effects = _finished(final, bare, search, rivals.as_good if search.accepted is named else ())
     if _has_slight(final) or not all(_says_something(effect) for effect in effects):  # once all data tell
         search = _Search(unnamed, [], search.first, search.first, search.ranking, search.accepted)
-        bare, effects = (final := _with_all(search.linear)), ()
+        final = bare = _with_all(search.linear)
+        effects = ()
     nothing = min([nothing, *(effect.p_value for effect in effects)])
     losses = compare(_bare(search.linear), search.linear)
     forget()
@@ -108,10 +110,10 @@ def select(problem: Problem, progress: Callable[[float], None] = lambda _: None)
 def _finished(final: Linear, bare: Linear, search: _Search, as_good: tuple[Effect, ...]) -> tuple[Accepted, ...]:
     """Return what was accepted as all data tell of it; `as_good` are formulas that rival a listed effect."""
     errors, alone = standard_errors(final), len(final.terms) == 1
+    rivals = [search.forms if term.effect in search.forms else as_good for term in final.terms]
     return tuple(
-        finished(final, bare if alone else without(final, i), i, c, float(errors[i]), search.forms if own else as_good)
+        finished(final, bare if alone else without(final, i), i, c, float(errors[i]), rivals[i])
         for i, c in enumerate(search.accepted)
-        for own in [final.terms[i].effect in search.forms]
     )
 
 
@@ -185,7 +187,7 @@ def _with_forms(
     """Return what the search comes to with formulas among the candidates; only where it proves one that leaves nothing.
 
     `leader` is a formula that explains clearly more than what was named. The search begins with it. Where it does not end with
-    formulas that are few enough, nothing is named.
+    formulas that are few enough, share a signal and take off enough, nothing is named.
     """
     wider = _search(problem, progress, once, with_forms=True, leader=leader)
     few = len(wider.accepted) <= (len(search.accepted) or 3)

@@ -12,6 +12,8 @@ SPACING = 0.0973
 """[s] Spacing of the instants at which residuals are taken. It is no simple part of a second, so that what happens on the second
 (set-points of a cycle, tasks of a control unit) is seen at all phases. Set by clean logs of all cycles: at tenths of a second,
 kinks at whole seconds looked like a delay of half a millisecond; twice of it turns a verdict of run 11."""
+TAKEN = 0.9
+"""[1] Share of what a balance tells that every other instant must tell. Set by time: an engine with 0.99 took twice of it."""
 MOST_INSTANTS = 15000
 """[1] Largest number of instants of all logs together. Beyond 25 minutes of driving the instants lie farther apart. Set by time:
 one hour of driving is searched within a minute."""
@@ -87,8 +89,7 @@ SLOW_SHARE = 0.05
 SLOW_SPREAD = 3.0
 """[1] Standard deviation of the logarithm of that. Set by choice: a factor of 20."""
 TOLD = 0.1
-"""[1] Power over noise below which a pattern of slow errors, or a combination of the engine's constants, is left out: data would
-not tell of it. Set by time; held by run 11."""
+"""[1] Power over noise below which a pattern of slow errors or of constants is left out. Set by time; held by run 11."""
 STANDS = 0.005
 """[1] Standard deviation over the mean up to which a channel stands still on a healthy drive. Set by choice: ambient pressure and
 temperature of one drive say nothing of another day; held by run 11."""
@@ -203,8 +204,7 @@ PROVEN = 15.0
 """[1] Smallest gain of anything that is named: e^-15 by chance, with a margin for errors that are not quite as they are assumed.
 Set by choice: on long logs LEAST_SHARE asks for more; no decision of run 11 comes near it."""
 SWITCH = 3.0
-"""[1] Cost of one switch between acting and not acting, in logarithms of the number of instants. Set by choice: as much as an end
-of an interval costs the search."""
+"""[1] Cost of a switch between acting and not acting, in logarithms of the number of instants. Set by choice: as an interval."""
 CLOSE = 0.7
 """[1] Share of the best score above which candidates are fitted jointly. Set by trial; twice of it turns a verdict of run 11."""
 TIE = 1.0
