@@ -16,13 +16,13 @@ bells end, and what the function would have said counts as noise.
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Annotated
 
 import numpy as np
 import scipy
 
 from lpvobs.discovery import thresholds
+from lpvobs.discovery.bells import Bells
 from lpvobs.discovery.imbalances import imbalances_at, operating_nodes, rests_on, scenes_with
 from lpvobs.discovery.patterns import Patterns, Seeming
 from lpvobs.discovery.residual import Problem
@@ -42,32 +42,12 @@ class HealthyDrive:
     rates: tuple[str, ...]  # channels whose rates have a line
     middle: Annotated[Array, Item("SI", "mean of each channel and of each rate", ("input",))]
     spread: Annotated[Array, Item("SI", "standard deviation of each channel and of each rate", ("input",))]
-    centres: Annotated[
-        Array,
-        Item("1", "middle of a bell, in standard deviations from a channel's mean", ("balance", "bell", "channel")),
-    ]
-    lengths: Annotated[
-        Array, Item("1", "length of the bells along a channel, in its standard deviations", ("balance", "channel"))
-    ]
-    weights: Annotated[
-        Array, Item("kg/s", "weight of each bell and each line in the residual of a balance", ("balance", "feature"))
-    ]
-    by_constant: Annotated[
-        Array,
-        Item(
-            "kg/s",
-            "derivative of the weights by the relative deviation of a constant",
-            ("balance", "feature", "constant"),
-        ),
-    ]
+    bells: Annotated[tuple[Bells, ...], Item("1", "function of a balance")]
     amplitude: Annotated[Array, Item("kg/s", "standard deviation of the function before any data", ("balance",))]
     scale: Annotated[Array, Item("kg/s", "usual size of the residual that bells and lines leave", ("balance",))]
     lasting: Annotated[
         Array,
         Item("s", "time between independent errors whose sum would vary as that of the fast errors", ("balance",)),
-    ]
-    unsure: Annotated[
-        Array, Item("kg/s", "square root of the weights' covariance", ("balance", "feature", "other_feature"))
     ]
     slow: Annotated[
         Array, Item("kg/s", "standard deviation of the error that lasts all day, and for minutes", ("balance", "error"))
@@ -105,13 +85,6 @@ class HealthyDrive:
         every = 2.0 if known.min(initial=np.inf) >= thresholds.TAKEN * 2.0 * thresholds.SPACING else 1.0
         return every * thresholds.SPACING
 
-    @cached_property
-    def _roots(self) -> Array:
-        """Inverse of the lower Cholesky factor of the bells' own kernel in each balance, shape (B, m, m)."""
-        own = (_bells(centres, centres, lengths) for centres, lengths in zip(self.centres, self.lengths, strict=True))
-        ridge = thresholds.RIDGE * np.eye(self.centres.shape[1])
-        return np.array([np.linalg.inv(np.linalg.cholesky(kernel + ridge)) for kernel in own])
-
     def engine(self, model: ResidualModel) -> ResidualModel:
         """Return the engine as the healthy drives show it, from the one beside the map."""
         return model.moved(self.deviation, self.covariance)
@@ -127,33 +100,24 @@ class HealthyDrive:
         scaled = np.clip((along - self.middle) / self.spread, -thresholds.FAR, thresholds.FAR)
         return np.asarray(scaled.reshape(2, K, -1)[::-1])
 
-    def features(self, inputs: Array, b: int) -> Array:
-        """Return independent features of unit variance before any data, shape (n, m + r), of inputs of shape (n, c + r).
-
-        They are those of balance b.
-        """
-        c = len(self.channels)
-        bells = _bells(inputs[:, :c], self.centres[b], self.lengths[b]) @ self._roots[b].T
-        return np.hstack([bells, inputs[:, c:]])
-
     def along(self, problem: Problem) -> Iterator[Array]:
-        """Yield the features of each balance along a problem, shape (K, m + r): the mean of both views.
+        """Yield bells and lines of each balance along a problem, shape (K, m + r): the mean of both views.
 
-        One after the other, since an hour has 20 MB of each.
+        One after the other, since an hour has up to 90 MB of each.
         """
         one, other = self.inputs(problem)
-        for b in range(len(self.balances)):
-            yield 0.5 * (self.features(one, b) + self.features(other, b))
+        for bells in self.bells:
+            yield 0.5 * (bells.along(one) + bells.along(other))
 
     def expected(self, problem: Problem) -> Array:
         """Return what a healthy engine leaves [kg/s], and the variance of its errors beyond over that of white noise, (2, B, K)."""
         each = enumerate(self.along(problem))
-        return np.array([self._expected(problem, features, b) for b, features in each]).swapaxes(0, 1)
+        return np.array([self._expected(problem, along, b) for b, along in each]).swapaxes(0, 1)
 
-    def _expected(self, problem: Problem, features: Array, b: int) -> tuple[Array, Array]:
-        known = np.clip((features[:, : self.centres.shape[1]] ** 2).sum(1), 0.0, 1.0)
-        unsure = (self.amplitude[b] / self.scale[b]) ** 2 * (1.0 - known)
-        return features @ self.weights[b], max(self.lasting[b] / problem.spacing, 1.0) * (1.0 + unsure)
+    def _expected(self, problem: Problem, along: Array, b: int) -> tuple[Array, Array]:
+        bells = self.bells[b]
+        unsure = (self.amplitude[b] / self.scale[b]) ** 2 * (1.0 - bells.told(along))
+        return along @ bells.weights, max(self.lasting[b] / problem.spacing, 1.0) * (1.0 + unsure)
 
     def taken_off(self, problem: Problem, modes: Array | None = None) -> Problem:
         """Return the problem that asks for what has changed, for any width of the windows.
@@ -163,9 +127,9 @@ class HealthyDrive:
         problem = self._where_known(problem)
         answers, learned = by_constants(problem), self._by_constants(problem)
         each, slow = [], []
-        for b, features in enumerate(self.along(problem)):
-            each.append(self._expected(problem, features, b))
-            slow.append(self._slow(problem, features, b, each[b][1]))
+        for b, along in enumerate(self.along(problem)):
+            each.append(self._expected(problem, along, b))
+            slow.append(self._slow(problem, along, b, each[b][1]))
         expected = np.array(each).swapaxes(0, 1)
         modes = self._shown_modes(problem, answers - learned, expected[1]) if modes is None else modes
         model = _in_modes(problem.model, modes, answers - learned)
@@ -183,7 +147,7 @@ class HealthyDrive:
         With other constants the healthy drives would have left something else, and what both drives show of a constant cancels.
         """
         inputs = np.concatenate(self.inputs(problem)[::-1])
-        return np.stack([self.features(inputs, b) @ each for b, each in enumerate(self.by_constant)]).transpose(2, 0, 1)
+        return np.stack([bells.along(inputs) @ bells.by_constant for bells in self.bells]).transpose(2, 0, 1)
 
     def _beside_healthy(
         self, problem: Problem, modes: Array, learned: Array, model: ResidualModel, patterns: Patterns, healthy: Array
@@ -228,21 +192,14 @@ class HealthyDrive:
     def _follows(self, problem: Problem) -> Mapping[str, tuple[Array, Array]]:
         """Return the derivatives of what a healthy engine leaves by value and rate of each channel but the sensor, (B, K)."""
         c = len(self.channels)
-        slopes = np.moveaxis(np.mean([self._slopes(view) for view in self.inputs(problem)], axis=0) / self.spread, 2, 0)
+        views = self.inputs(problem)
+        slopes = np.stack(
+            [0.5 * sum(bells.slopes(view) for view in views) / self.spread for bells in self.bells], axis=-2
+        )
+        slopes = slopes.T
         by_rate = dict(zip(self.rates, slopes[c:], strict=True))
         by_value = zip(self.channels, slopes[:c], strict=True)
         return {name: (slope, by_rate[name]) for name, slope in by_value if name in by_rate}
-
-    def _slopes(self, inputs: Array) -> Array:
-        """Return the derivatives of the function of every balance by its inputs, shape (n, c + r), shape (B, n, c + r)."""
-        c = len(self.channels)
-        slopes = np.empty((len(self.balances), *inputs.shape))
-        for b, (slope, centres, lengths) in enumerate(zip(slopes, self.centres, self.lengths, strict=True)):
-            bells, lines = np.split(self.weights[b], [len(centres)])
-            pulled = _bells(inputs[:, :c], centres, lengths) * (bells @ self._roots[b])
-            slope[:, :c] = (pulled @ centres - pulled.sum(1)[:, None] * inputs[:, :c]) / lengths**2
-            slope[:, c:] = lines
-        return slopes * (np.abs(inputs) < thresholds.FAR)
 
     def _seeming(self, problem: Problem) -> Seeming:
         """Return what a healthy engine seems to have of every effect, and of what acts in the place of some: their mean."""
@@ -266,10 +223,10 @@ class HealthyDrive:
             1 + int((thresholds.HEALTHY_SECONDS - thresholds.HEALTHY_LEAST) / self.seconds),
         )
 
-    def _slow(self, problem: Problem, features: Array, b: int, wider: Array) -> Array:
+    def _slow(self, problem: Problem, along: Array, b: int, wider: Array) -> Array:
         """Return what the slow error of a balance may look like, independent and of unit size, as far as data tell, (m, K)."""
         each = zip(self.slow[b], (logs_of(problem), minutes_of(problem)), strict=True)
-        every = np.hstack([features @ self.unsure[b], *(size * columns for size, columns in each)])
+        every = np.hstack([along @ self.bells[b].unsure, *(size * columns for size, columns in each)])
         every = every * problem.shown[b][:, None]
         strength, modes = np.linalg.eigh(every.T @ (every / (self.scale[b] ** 2 * wider)[:, None]))
         return np.ascontiguousarray((every @ modes[:, strength > thresholds.TOLD]).T)
@@ -323,13 +280,6 @@ def where_the_map_stands(problem: Problem) -> Problem:
     """Return the problem without the places whose map was not estimated: what is left there has the sensor's own error in it."""
     nodes = operating_nodes(problem, scenes_with(problem, (), np.zeros(problem.spread.size)))
     return replace(problem, shown=problem.shown & rests_on(problem.prior.estimated, nodes))
-
-
-def _bells(x: Array, centres: Array, lengths: Array) -> Array:
-    x, centres = x / lengths, centres / lengths
-    distance = (x**2).sum(1)[:, None] + (centres**2).sum(1)
-    distance -= 2.0 * x @ centres.T
-    return np.asarray(np.exp(-0.5 * np.maximum(distance, 0.0, out=distance), out=distance))
 
 
 def logs_of(problem: Problem) -> Array:

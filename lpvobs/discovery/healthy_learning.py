@@ -15,6 +15,7 @@ import scipy
 from numpy.typing import NDArray
 
 from lpvobs.discovery import thresholds
+from lpvobs.discovery.bells import Bells, spread_out
 from lpvobs.discovery.curves import is_recorded, shape_shown
 from lpvobs.discovery.evidence import elsewhere_of, first_order
 from lpvobs.discovery.fit import fit
@@ -157,24 +158,21 @@ def left_of(problem: Problem, logs: Sequence[str]) -> HealthyDrive:
         rows = list(zip(problem.shown, mean, scale, shares.copy(), strict=True))
         if number:  # the scale is that of noise now
             bare = _with_lengths(bare, problem, rows)
-        for b, (middle, row) in enumerate(zip(bare.along(problem), rows, strict=True)):
-            shares[b], sizes = likeliest(problem, middle, *row)
-            function[b] = middle @ sizes
+        for b, (along, row) in enumerate(zip(bare.along(problem), rows, strict=True)):
+            shares[b], weights = likeliest(problem, along, bare.bells[b].root_with_lines(along.shape[1]), *row)
+            function[b] = along @ weights
     every = np.concatenate([left[None], with_map(problem, by_constants(problem)).reshape(-1, B, 2, K)]).swapaxes(0, 1)
-    views = bare.inputs(problem)
-    each = (
-        _learned(problem, np.stack([bare.features(view, b) for view in views]), *row)
-        for b, row in enumerate(zip(problem.shown, every, scale, shares, strict=True))
-    )
-    own = _LearnedBalance(*map(np.array, zip(*each, strict=True)))
+    views, of_each = bare.inputs(problem), zip(bare.bells, problem.shown, every, scale, shares, strict=True)
+    each = [_learned(problem, bells, views, *row) for bells, *row in of_each]
+    bells, *others = zip(*each, strict=True)
+    own = _LearnedBalance(bells, *map(np.array, others))
     rest = _scales(mean - own.along, problem)
     scale = np.array([np.median(row[on]) if on.any() else 1.0 for row, on in zip(rest, problem.shown, strict=True)])
     # of an instant, in each balance: those of exhaust and turbine do not read the map
     information = np.where(own.amplitude > 0.0, 1.0 / (scale**2 * np.maximum(own.lasting, 1.0)), 0.0)
     nodes = operating_nodes(problem, scenes)
     return replace(
-        bare, weights=own.weights[..., 0], by_constant=own.weights[..., 1:], amplitude=own.amplitude, unsure=own.unsure,
-        scale=scale, slow=own.slow, lasting=problem.spacing * own.lasting,
+        bare, bells=own.bells, amplitude=own.amplitude, scale=scale, slow=own.slow, lasting=problem.spacing * own.lasting,
         of_map=map_normal(problem.prior.mean.size, nodes, information @ problem.by_reading**2),
         covariance=_known_to(problem.model, own.information.sum(0)),
     )  # fmt: skip
@@ -183,53 +181,64 @@ def left_of(problem: Problem, logs: Sequence[str]) -> HealthyDrive:
 class _LearnedBalance(NamedTuple):
     """What is learned of one balance, or of each along a further axis."""
 
-    weights: Array  # (m, 1 + n)
+    bells: Any
     along: Array  # (K,) the function along the places
     information: Array  # (n, n) on the constants
-    unsure: Array
     amplitude: Any
     lasting: Any
     slow: Array
 
 
 def _learned(
-    problem: Problem, features: Array, shown: NDArray[np.bool_], left: Array, scale: Array, shares: Array
+    problem: Problem,
+    bells: Bells,
+    views: Array,
+    shown: NDArray[np.bool_],
+    left: Array,
+    scale: Array,
+    shares: Array,
 ) -> _LearnedBalance:
     """Return what a balance leaves where it counts, as a function that is the same on all logs, and the errors beyond.
 
-    `left` has shape (1 + n, 2, K): what the balance leaves, and its derivatives by the engine's n constants. `features` and `left`
-    are of both views, `shares` are the logarithms of the variances that means over `PIECE` show.
+    `left` has shape (1 + n, 2, K): what the balance leaves, and its derivatives by the engine's n constants. `views` are the inputs
+    of the bells in both views, `shares` the logarithms of the variances that means over `PIECE` show.
     """
-    m, n, logs = features.shape[2], len(left) - 1, problem.of_log[shown][pieces(problem, shown)]
+    f, n = len(bells.centres) + views.shape[2] - bells.lengths.size, len(left) - 1
+    logs = problem.of_log[shown][pieces(problem, shown)]
     if logs.size < LEAST_PIECES:
-        return _LearnedBalance(
-            np.zeros((m, 1 + n)), np.zeros(shown.size), np.zeros((n, n)), np.zeros((m, m)), 0.0, 1.0, np.zeros(2)
-        )
+        nothing = replace(bells, weights=np.zeros(f), by_constant=np.zeros((f, n)), unsure=np.zeros((f, f)))
+        return _LearnedBalance(nothing, np.zeros(shown.size), np.zeros((n, n)), 0.0, 1.0, np.zeros(2))
     lasting, *variances = np.exp(shares)
     size, *slow = np.median(scale[shown]) * np.sqrt(variances)
-    precision, gradient, information = np.eye(m), np.zeros((m, 1 + n)), np.zeros((n, n))
+    products, seen_by, information = np.zeros((f, f)), np.zeros((f, 1 + n)), np.zeros((n, n))
     for i in np.unique(logs):
         on = shown & (problem.of_log == i)
         own = np.hstack([np.full((on.sum(), 1), slow[0]), slow[1] * memory(problem, i)[on[problem.of_log == i]]])
-        root = np.sqrt(0.5 / lasting) / scale[on]
-        gram, seen = np.zeros([m + own.shape[1]] * 2), np.zeros((m + own.shape[1], 1 + n))
-        for view, here, other in zip(features, (0, 1), (1, 0), strict=True):
-            rows = np.hstack([size * view[on], own]) * root[:, None]
-            y = root * left[:, here, on]
+        weight = np.sqrt(0.5 / lasting) / scale[on]
+        gram, seen = np.zeros([f + own.shape[1]] * 2), np.zeros((f + own.shape[1], 1 + n))
+        for view, here, other in zip(views, (0, 1), (1, 0), strict=True):
+            rows = np.hstack([bells.along(view[on]), own]) * weight[:, None]
+            y = weight * left[:, here, on]
             gram += rows.T @ rows
             seen += rows.T @ y.T
-            information += y[1:] @ (root * left[1:, other, on]).T  # the noise of derivatives is that of their own view
-        known = np.linalg.solve(gram[m:, m:] + np.eye(own.shape[1]), np.hstack([gram[m:, :m], seen[m:]]))
-        precision += gram[:m, :m] - gram[:m, m:] @ known[:, :m]
-        gradient += seen[:m] - gram[:m, m:] @ known[:, m:]
-        information -= seen[m:, 1:].T @ known[:, m + 1 :]
-    factor = scipy.linalg.cholesky(precision, lower=True)
-    weights = scipy.linalg.cho_solve((factor, True), gradient)
-    information -= gradient[:, 1:].T @ weights[:, 1:]
-    unsure = size * scipy.linalg.solve_triangular(factor, np.eye(m), lower=True).T  # U = L^-T, and U U^T = (L L^T)^-1
-    weights *= size
-    along = 0.5 * sum(view @ weights[:, 0] for view in features)
-    return _LearnedBalance(weights, along, information, unsure, float(size), float(lasting), np.array(slow))
+            information += (
+                y[1:] @ (weight * left[1:, other, on]).T
+            )  # the noise of derivatives is that of their own view
+        known = np.linalg.solve(gram[f:, f:] + np.eye(own.shape[1]), np.hstack([gram[f:, :f], seen[f:]]))
+        products += gram[:f, :f] - gram[:f, f:] @ known[:, :f]
+        seen_by += seen[:f] - gram[:f, f:] @ known[:, f:]
+        information -= seen[f:, 1:].T @ known[:, f + 1 :]
+    root = size * bells.root_with_lines(f)
+    factor = scipy.linalg.cholesky(np.eye(f) + root @ products @ root.T, lower=True)
+    features = scipy.linalg.solve_triangular(
+        factor, root, lower=True
+    )  # U = L^-1 R, and U' U is the weights' covariance
+    answers = features @ seen_by
+    information -= answers[:, 1:].T @ answers[:, 1:]
+    weights = features.T @ answers
+    function = 0.5 * sum(bells.along(view) @ weights[:, 0] for view in views)
+    found = replace(bells, weights=weights[:, 0], by_constant=weights[:, 1:], unsure=features.T)
+    return _LearnedBalance(found, function, information, float(size), float(lasting), np.array(slow))
 
 
 def _known_to(model: ResidualModel, information: Array) -> Array:
@@ -255,12 +264,10 @@ def _bare(problem: Problem, logs: Sequence[str]) -> HealthyDrive:
     along = np.stack([*(problem.over_all(name) for name in channels), *(s.rate[name] for name in moving)], axis=1)
     bare = HealthyDrive(
         logs=tuple(logs), balances=problem.model.balances, channels=channels, rates=moving, middle=along.mean(0),
-        spread=along.std(0), centres=none, lengths=none,
-        weights=none, by_constant=none, amplitude=none, of_map=none, deviation=np.zeros(len(problem.model.names)),
-        covariance=none, scale=none, lasting=none, unsure=none, slow=none,
-        effects=(), whole=none, late=none, beyond=none,
+        spread=along.std(0), bells=(), amplitude=none, of_map=none, deviation=np.zeros(len(problem.model.names)),
+        covariance=none, scale=none, lasting=none, slow=none, effects=(), whole=none, late=none, beyond=none,
     )  # fmt: skip
-    return _placed(bare, problem, [usual_lengths(len(channels))] * len(problem.model.balances))
+    return _placed(bare, problem, [(usual_lengths(len(channels)), START)] * len(problem.model.balances))
 
 
 def _with_lengths(bare: HealthyDrive, problem: Problem, rows: Iterable[tuple[Any, ...]]) -> HealthyDrive:
@@ -269,23 +276,16 @@ def _with_lengths(bare: HealthyDrive, problem: Problem, rows: Iterable[tuple[Any
     return _placed(bare, problem, [likeliest_lengths(problem, inputs[:, :c], inputs[:, c:], *row) for row in rows])
 
 
-def _placed(bare: HealthyDrive, problem: Problem, lengths: Sequence[Array]) -> HealthyDrive:
-    """Return the same with bells of these lengths, along what the drives have visited."""
-    visited = bare.inputs(problem)[0][problem.shown.any(axis=0), : len(bare.channels)]
-    centres = [_spread_out(visited / each, thresholds.BELLS) * each for each in lengths]
-    return replace(bare, centres=np.array(centres), lengths=np.array(lengths))
-
-
-def _spread_out(x: Array, most: int) -> Array:
-    """Return points of x, shape (n, c), where bells of unit length stand: each where those before tell least."""
-    chosen, told, rows = [], np.zeros(len(x)), np.empty((most, len(x)))
-    for i in range(min(most, len(x))):  # a Cholesky decomposition of the kernel with pivots
-        j = int(np.argmin(told))
-        row = np.exp(-0.5 * ((x - x[j]) ** 2).sum(1)) - rows[:i, j] @ rows[:i]
-        rows[i] = row / np.sqrt(max(1.0 - told[j], thresholds.RIDGE))
-        told += rows[i] ** 2
-        chosen.append(j)
-    return x[chosen]
+def _placed(bare: HealthyDrive, problem: Problem, each: Sequence[tuple[Array, Array]]) -> HealthyDrive:
+    """Return the same with bells along what the drives have visited, of these lengths and variances in every balance."""
+    visited, none = bare.inputs(problem)[0][problem.shown.any(axis=0), : len(bare.channels)], np.zeros(0)
+    visited = visited[:: max(1, round(1.0 / problem.spacing))]  # one a second: those between are close to it
+    bells = []
+    for lengths, shares in each:
+        enough = thresholds.UNTOLD / max(1.0, float(np.exp(shares[1])))
+        centres = spread_out(visited / lengths, thresholds.BELLS, enough) * lengths
+        bells.append(Bells(centres, lengths, weights=none, by_constant=none, unsure=none))
+    return replace(bare, bells=tuple(bells))
 
 
 def _scales(left: Array, problem: Problem) -> Array:

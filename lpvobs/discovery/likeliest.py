@@ -41,17 +41,17 @@ def usual_lengths(c: int) -> Array:
 
 def likeliest_lengths(
     problem: Problem, channels: Array, rates: Array, shown: NDArray[np.bool_], left: Array, scale: Array, start: Array
-) -> Array:
-    """Return the length of a balance's bells along every channel, (c,), in the units of `channels`, where it counts.
+) -> tuple[Array, Array]:
+    """Return the length of a balance's bells along every channel, (c,), and the logarithms of the variances beside them, (4,).
 
-    `channels` have shape (K, c), `rates` (K, r), `left` and `scale` have K rows. `start` are the logarithms of the variances that
-    `likeliest` returns. The covariance is that of a Gaussian process with a length of its own for every channel, at
-    the means of the channels: what is fast within `PIECE` seems to be noise.
+    The lengths are in the units of `channels`, where the balance counts. `channels` have shape (K, c), `rates` (K, r), `left` and
+    `scale` have K rows. `start` are the variances that `likeliest` returns. The covariance is that of a Gaussian process with a
+    length of its own for every channel, at the means of the channels: what is fast within `PIECE` seems to be noise.
     """
     c = channels.shape[1]
     means = _means(problem, shown, scale)
     if means is None:
-        return usual_lengths(c)
+        return usual_lengths(c), start
     y, x, lines, t, log = (
         means.of @ z for z in (left / means.usual, channels, rates, problem.clock, problem.of_log.astype(float))
     )
@@ -63,7 +63,7 @@ def likeliest_lengths(
         unlikely_lengths, np.append(start, usual), (y, x, (noise, lines @ lines.T, day, minutes)), jac=True, method="L-BFGS-B",
         bounds=[*_BOUNDS, *zip(usual - longest, usual - shortest, strict=True)], tol=1e-4,
     )  # fmt: skip
-    return np.asarray(np.exp(-best.x[4:]))
+    return np.exp(-best.x[4:]), best.x[:4]
 
 
 def unlikely_lengths(z: Array, y: Array, x: Array, parts: tuple[Array, ...]) -> tuple[float, Array]:
@@ -97,18 +97,24 @@ def unlikely_lengths(z: Array, y: Array, x: Array, parts: tuple[Array, ...]) -> 
 
 
 def likeliest(
-    problem: Problem, features: Array, shown: NDArray[np.bool_], left: Array, scale: Array, start: Array = START
+    problem: Problem,
+    along: Array,
+    root: Array,
+    shown: NDArray[np.bool_],
+    left: Array,
+    scale: Array,
+    start: Array = START,
 ) -> tuple[Array, Array]:
     """Return the logarithms of the variances of largest likelihood, and the weights of the function, (m,), of a balance.
 
-    The variances are those of the fast error, the function, and the slow ones, where the balance counts. `features`, `left` and
-    `scale` have K rows, one a place.
+    The variances are those of the fast error, the function, and the slow ones, where the balance counts. `along`, bells and lines,
+    `left` and `scale` have K rows, one a place; `root`, (m, m), makes independent features of bells and lines.
     """
-    means, m = _means(problem, shown, scale), features.shape[1]
+    means, m = _means(problem, shown, scale), along.shape[1]
     if means is None:
         return start, np.zeros(m)
-    slow, total = (logs_of(problem), minutes_of(problem)), means.total
-    y, columns = means.of @ left, means.usual * np.hstack([means.of @ each for each in (features, *slow)])
+    slow, total = [means.of @ each for each in (logs_of(problem), minutes_of(problem))], means.total
+    y, columns = means.of @ left, means.usual * np.hstack([(means.of @ along) @ root.T, *slow])
     of = np.repeat([0, 1, 2], [m, *(each.shape[1] for each in slow)])
     gram, seen, alone = columns.T @ (total[:, None] * columns), columns.T @ (total * y), float(y @ (total * y))
 
@@ -131,7 +137,7 @@ def likeliest(
 
     best = scipy.optimize.minimize(unlikely, start, jac=True, method="L-BFGS-B", bounds=_BOUNDS)
     S, _, sizes = posterior(best.x)
-    return best.x, means.usual * (S * sizes)[:m]
+    return best.x, means.usual * root.T @ (S * sizes)[:m]
 
 
 def _means(problem: Problem, shown: NDArray[np.bool_], scale: Array) -> _Means | None:

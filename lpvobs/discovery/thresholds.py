@@ -73,8 +73,10 @@ HEALTHY_LEAST = 300.0
 with 80 s a sensor that read 20 % too much was not found."""
 HEALTHY_SECONDS = 3600.0
 """[s] Driving that is enough to learn what a healthy engine leaves. Set by time: an hour in six logs takes half a minute."""
-BELLS = 150
-"""[1] Bells that the function stands on which says what a healthy engine leaves. Set by time: a second."""
+BELLS = 600
+"""[1] Most bells of the function that says what a balance leaves on a healthy engine. Set by time: it grows with the square."""
+UNTOLD = 0.1
+"""[1] Variance of that function that its bells may miss on average, over the usual error's. Set by choice: it counts as noise."""
 BELL_LENGTHS = (0.5, 50.0)
 """[1] Shortest and longest bell along a channel, over its length before any data. Set by held-out drives of two engines: shorter
 ones follow what one drive happens to leave; a seventh of it raised the error of the power balance by half."""
@@ -88,8 +90,8 @@ SLOW_SHARE = 0.05
 """[1] Variance of every slow error before any data, in usual errors squared. Set by choice; SLOW_SPREAD says how loosely."""
 SLOW_SPREAD = 3.0
 """[1] Standard deviation of the logarithm of that. Set by choice: a factor of 20."""
-TOLD = 0.1
-"""[1] Power over noise below which a pattern of slow errors or of constants is left out. Set by time; held by run 11."""
+TOLD = 0.5
+"""[1] Power over noise below which a pattern of slow errors or of constants is left out. Set by time."""
 STANDS = 0.005
 """[1] Standard deviation over the mean up to which a channel stands still on a healthy drive. Set by choice: ambient pressure and
 temperature of one drive say nothing of another day; held by run 11."""

@@ -9,6 +9,7 @@ import pytest
 import scipy
 
 from lpvobs.discovery import healthy_learning, sizes
+from lpvobs.discovery.bells import Bells, spread_out
 from lpvobs.discovery.course_choice import timed_again
 from lpvobs.discovery.evidence import first_order, fit_candidate
 from lpvobs.discovery.fit import fit, refit
@@ -16,7 +17,6 @@ from lpvobs.discovery.healthy_drive import root_of_constants, where_the_map_stan
 from lpvobs.discovery.healthy_learning import (
     _learned,
     _scales,
-    _spread_out,
     beyond_noise,
     halves,
     learned,
@@ -178,13 +178,23 @@ def test_it_comes_back_from_a_file_as_it_was(healthy, tmp_path):
     with h5py.File(tmp_path / "r.h5", "w") as file:
         write(file, "healthy", healthy)
         again = read(file["healthy"], type(healthy))
-    for item in fields(healthy):
-        assert np.array_equal(getattr(again, item.name), getattr(healthy, item.name)), item.name
+    for stored, own in ((again, healthy), *zip(again.bells, healthy.bells, strict=True)):
+        for name in (item.name for item in fields(own) if item.name != "bells"):
+            assert np.array_equal(getattr(stored, name), getattr(own, name)), name
 
 
-def of_balance(problem, features, shown, left, scale):
-    shares, _ = likeliest(problem, features.mean(0), shown, left.mean(0), scale)
-    return _learned(problem, features, shown, np.broadcast_to(left, (1, 2, left.shape[-1])), scale, shares)
+def by_constants(healthy, changed):
+    """Return the same with other derivatives by the constants."""
+    return replace(healthy, bells=tuple(replace(b, by_constant=changed(b.by_constant)) for b in healthy.bells))
+
+
+def of_balance(problem, inputs, shown, left, scale):
+    """Learn a function of lines alone."""
+    none = np.zeros(0)
+    lines = Bells(np.zeros((0, 0)), lengths=none, weights=none, by_constant=none, unsure=none)
+    shares, _ = likeliest(problem, inputs, lines.root_with_lines(inputs.shape[1]), shown, left.mean(0), scale)
+    left = np.broadcast_to(left, (1, 2, left.shape[-1]))
+    return _learned(problem, lines, np.stack([inputs, inputs]), shown, left, scale, shares)
 
 
 def test_the_function_is_told_from_errors_that_last_and_those_that_do_not(laid_out, clean):
@@ -192,16 +202,16 @@ def test_the_function_is_told_from_errors_that_last_and_those_that_do_not(laid_o
     rng = np.random.default_rng(3)
     noise, one = rng.standard_normal((2, problem.K)), np.ones(problem.K)
     inputs = np.sin(problem.clock[:, None] * rng.uniform(0.05, 0.5, 5))
-    features, everywhere = np.stack([inputs, inputs]), np.ones(problem.K, dtype=bool)
-    new = of_balance(problem, features, everywhere, noise, one)
-    assert np.abs(new.weights).max() < 0.2
+    everywhere = np.ones(problem.K, dtype=bool)
+    new = of_balance(problem, inputs, everywhere, noise, one)
+    assert np.abs(new.bells.weights).max() < 0.2
     assert (new.lasting < 2.0, new.slow[1] < 0.5) == (True, True)
-    slope = of_balance(problem, features, everywhere, noise + 3.0 * inputs[:, 0], one)
-    assert slope.weights[0] == pytest.approx(3.0, abs=0.2)
-    minutes = of_balance(problem, features, everywhere, noise + 3.0 * np.sin(problem.clock / 40.0), one)
+    slope = of_balance(problem, inputs, everywhere, noise + 3.0 * inputs[:, 0], one)
+    assert slope.bells.weights[0] == pytest.approx(3.0, abs=0.2)
+    minutes = of_balance(problem, inputs, everywhere, noise + 3.0 * np.sin(problem.clock / 40.0), one)
     assert minutes.slow[1] > 1.0
     assert minutes.lasting < 6.0
-    assert np.trace(minutes.unsure @ minutes.unsure.T) > np.trace(new.unsure @ new.unsure.T)
+    assert np.sum(minutes.bells.unsure**2) > np.sum(new.bells.unsure**2)
 
 
 def test_a_bell_is_long_along_what_a_balance_does_not_follow(laid_out, clean):
@@ -212,11 +222,14 @@ def test_a_bell_is_long_along_what_a_balance_does_not_follow(laid_out, clean):
     noise, everywhere = rng.standard_normal(problem.K), np.ones(problem.K, dtype=bool)
     follows = 20.0 * np.tanh(2.0 * channels[:, 1])
     rows = everywhere, noise + follows, np.ones(problem.K), START
-    lengths = likeliest_lengths(problem, channels, np.zeros((problem.K, 1)), *rows)
+    lengths, shares = likeliest_lengths(problem, channels, np.zeros((problem.K, 1)), *rows)
     usual = usual_lengths(3)
     assert lengths[1] < 1.2 * usual[1]
     assert np.all(lengths[[0, 2]] > 3.0 * usual[[0, 2]])
-    silent = likeliest_lengths(problem, channels, np.zeros((problem.K, 1)), ~everywhere, *rows[1:])
+    assert np.exp(0.5 * shares[1]) == pytest.approx(
+        20.0, rel=0.5
+    )  # the function is as large as it is: its bells follow
+    silent, _ = likeliest_lengths(problem, channels, np.zeros((problem.K, 1)), ~everywhere, *rows[1:])
     np.testing.assert_array_equal(silent, usual)
 
 
@@ -239,8 +252,17 @@ def test_the_search_for_lengths_has_the_derivatives_of_the_likelihood():
 def test_bells_stand_where_those_before_tell_least():
     """A place between two bells is farther from either than one beyond them, and both together tell more of it."""
     one, other, between, beyond = x = np.array([[0.0], [3.0], [1.5], [-1.45]])
-    np.testing.assert_array_equal(_spread_out(x, 3), [one, other, beyond])
+    np.testing.assert_array_equal(spread_out(x, 3, 0.0), [one, other, beyond])
     assert abs(between - one) > abs(beyond - one)
+
+
+def test_there_are_as_many_bells_as_the_function_is_large():
+    """150 bells for all balances once left a turbine's function, forty times its errors, to noise: seven of eight faults there."""
+    x = np.random.default_rng(4).uniform(0.0, 6.0, (400, 2))
+    few, many = (Bells(spread_out(x, 400, e), np.ones(2), *[np.zeros(0)] * 3) for e in (0.1, 1e-3))
+    assert 5 < len(few.centres) < len(many.centres) < 100
+    for bells, enough in ((few, 0.1), (many, 1e-3)):
+        assert enough / 2 < 1.0 - bells.told(bells.along(x)).mean() < enough
 
 
 def test_what_a_balance_says_where_it_does_not_count_teaches_nothing(laid_out, clean):
@@ -253,12 +275,12 @@ def test_what_a_balance_says_where_it_does_not_count_teaches_nothing(laid_out, c
     left = 1e-3 * rng.standard_normal((2, *shown.shape))
     hidden = np.where(shown, left, 0.0)
     assert np.median(_scales(hidden.mean(0), part)[0][shown[0]]) == pytest.approx(1e-3 / np.sqrt(2.0), rel=0.1)
-    features = np.sin(problem.clock[:, None] * rng.uniform(0.05, 0.5, 5))[None].repeat(2, axis=0)
+    inputs = np.sin(problem.clock[:, None] * rng.uniform(0.05, 0.5, 5))
     one = np.ones(problem.K)
-    found = [of_balance(part, features, shown[0], values[:, 0], one) for values in (left, hidden)]
-    np.testing.assert_array_equal(found[0].weights, found[1].weights)
-    nothing = of_balance(part, features, np.zeros_like(shown[0]), left[:, 0], one)
-    assert (nothing.weights.any(), nothing.amplitude, nothing.lasting) == (False, 0.0, 1.0)
+    found = [of_balance(part, inputs, shown[0], values[:, 0], one) for values in (left, hidden)]
+    np.testing.assert_array_equal(found[0].bells.weights, found[1].bells.weights)
+    nothing = of_balance(part, inputs, np.zeros_like(shown[0]), left[:, 0], one)
+    assert (nothing.bells.weights.any(), nothing.amplitude, nothing.lasting) == (False, 0.0, 1.0)
 
 
 @pytest.mark.slow
@@ -428,7 +450,7 @@ def test_what_is_not_known_of_the_engine_stays_so_as_far_as_a_drive_tells(health
     moving = replace(prior, sensitivity=0.02 * rng.standard_normal(prior.sensitivity.shape))
     plant = replace(plant, covariance=1e-4 * plant.covariance)  # some of the constants are known well enough
     laid = lay_out(plant, config.grid(), moving, [other(2)])
-    apart = replace(healthy, by_constant=0.0 * healthy.by_constant)  # as if the healthy drives had been elsewhere
+    apart = by_constants(healthy, lambda each: 0.0 * each)  # as if the healthy drives had been elsewhere
     problem = apart.taken_off(laid)
     noise = healthy.scale[:, None] * np.sqrt(problem.lasting / laid.lasting)
 
@@ -457,7 +479,7 @@ def test_an_engine_that_is_known_exactly_stays_so(healthy, plant, config, prior,
     known = replace(plant, names=(), covariance=np.zeros((0, 0)), with_unknowns=lambda _: exact, by_unknowns=None)
     for model, before in ((known, bare), (replace(plant, covariance=0.0 * plant.covariance), prior)):
         laid = replace(lay_out(model, config.grid(), before, [other(2)]), covariance=model.covariance)
-        problem = replace(healthy, by_constant=healthy.by_constant[..., : len(model.names)]).taken_off(laid)
+        problem = by_constants(healthy, lambda each, of=model: each[:, : len(of.names)]).taken_off(laid)
         assert problem.model.names == ()
         assert fit(problem, passes=1).beta.size == len(problem.patterns)
 
@@ -571,7 +593,7 @@ def test_fast_errors_last_as_long_at_any_spacing(laid_out, clean, healthy):
         part = replace(
             problem, clock=problem.clock[::every], of_log=problem.of_log[::every], time=problem.time[::every]
         )
-        one, none = np.ones(part.clock.size), np.zeros((2, part.clock.size, 1))
+        one, none = np.ones(part.clock.size), np.zeros((part.clock.size, 1))
         learned = of_balance(part, none, one > 0.0, np.tile(error[::every], (2, 1)), one * np.std(error))
         found.append(part.spacing * learned.lasting)
     assert found[0] > 10.0 * problem.spacing

@@ -1,0 +1,88 @@
+"""The smooth function that a balance leaves on healthy drives: bells over channels, and lines over rates.
+
+It is a Gaussian process that stands on bells at some instants of the healthy drives. Bells whose heights are independent before
+any data would overlap; `root` turns them into features that are.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Annotated
+
+import numpy as np
+import scipy
+
+from lpvobs.discovery.thresholds import FAR, RIDGE
+from lpvobs.records import Array, Item
+
+
+@dataclass(frozen=True, eq=False)
+class Bells:
+    """m bells over c channels and lines over r rates, and what is learned of them: f = m + r weights, n constants."""
+
+    centres: Annotated[
+        Array, Item("1", "middle of a bell, in standard deviations from a channel's mean", ("bell", "channel"))
+    ]
+    lengths: Annotated[
+        Array, Item("1", "length of the bells along a channel, in its standard deviations", ("channel",))
+    ]
+    weights: Annotated[Array, Item("kg/s", "weight of each bell and each line in the residual", ("feature",))]
+    by_constant: Annotated[
+        Array,
+        Item("kg/s", "derivative of the weights by the relative deviation of a constant", ("feature", "constant")),
+    ]
+    unsure: Annotated[Array, Item("kg/s", "square root of the weights' covariance", ("feature", "other_feature"))]
+
+    def along(self, inputs: Array) -> Array:
+        """Return bells and lines, shape (k, f), of inputs of shape (k, c + r)."""
+        c, m = self.lengths.size, len(self.centres)
+        out = np.empty((len(inputs), m + inputs.shape[1] - c))
+        out[:, :m], out[:, m:] = bells_of(inputs[:, :c], self.centres, self.lengths), inputs[:, c:]
+        return out
+
+    @cached_property
+    def root(self) -> Array:
+        """What turns bells and lines into features that are independent and of unit variance before any data, shape (m, m)."""
+        own = bells_of(self.centres, self.centres, self.lengths)
+        return np.linalg.inv(np.linalg.cholesky(own + RIDGE * np.eye(len(own))))
+
+    def root_with_lines(self, f: int) -> Array:
+        """Return the same with the lines, which are such features, shape (f, f)."""
+        return np.asarray(scipy.linalg.block_diag(self.root, np.eye(f - len(self.root))))
+
+    def told(self, along: Array) -> Array:
+        """Return the share of the function's variance that these bells can have, shape (k,)."""
+        features = along[:, : len(self.root)] @ self.root.T
+        return np.asarray(np.clip((features**2).sum(1), 0.0, 1.0))
+
+    def slopes(self, inputs: Array) -> Array:
+        """Return the derivatives of the function by its inputs, shape (k, c + r)."""
+        c = self.lengths.size
+        heights, lines = np.split(self.weights, [len(self.centres)])
+        pulled = bells_of(inputs[:, :c], self.centres, self.lengths) * heights
+        by_channel = (pulled @ self.centres - pulled.sum(1)[:, None] * inputs[:, :c]) / self.lengths**2
+        slopes = np.hstack([by_channel, np.broadcast_to(lines, (len(inputs), lines.size))])
+        return np.asarray(slopes * (np.abs(inputs) < FAR))
+
+
+def bells_of(x: Array, centres: Array, lengths: Array) -> Array:
+    """Return exp(-|x - centre|^2 / 2) in units of the lengths, shape (k, m), of points of shape (k, c)."""
+    x, centres = x / lengths, centres / lengths
+    distance = (x**2).sum(1)[:, None] + (centres**2).sum(1)
+    distance -= 2.0 * x @ centres.T
+    return np.asarray(np.exp(-0.5 * np.maximum(distance, 0.0, out=distance), out=distance))
+
+
+def spread_out(x: Array, most: int, enough: float) -> Array:
+    """Return points of x, shape (k, c), where bells of unit length stand: each where those before tell least.
+
+    There are `most` at most, and no more where all points miss no more than `enough` of the function's variance on average.
+    """
+    chosen: list[int] = []
+    told, rows = np.zeros(len(x)), np.empty((most, len(x)))
+    while len(chosen) < min(most, len(x)) and 1.0 - told.mean() > enough:  # a Cholesky decomposition with pivots
+        i, j = len(chosen), int(np.argmin(told))
+        row = np.exp(-0.5 * ((x - x[j]) ** 2).sum(1)) - rows[:i, j] @ rows[:i]
+        rows[i] = row / np.sqrt(max(1.0 - told[j], RIDGE))
+        told += rows[i] ** 2
+        chosen.append(j)
+    return x[chosen]
