@@ -37,8 +37,7 @@ BLOCK = 2.0
 MOST_BLOCKS = 400
 """[1] Largest number of stretches between which onsets are sought. Set by time: the search grows with their square."""
 STRETCH = 20.0
-"""[s] Length of the stretches that are kept from fits and choices. Set by choice: long against memory, short against a drive;
-held by run 11."""
+"""[s] Length of stretches kept from fits and choices. Set by choice: long against memory, short against a drive; held by run 11."""
 EVERY = 5
 """[1] One stretch in this many is kept from fits and choices. Set by choice: a fifth."""
 COARSE = 10.0
@@ -98,8 +97,7 @@ temperature of one drive say nothing of another day; held by run 11."""
 RIDGE = 1e-6
 """[1] Added to the bells' own kernel. Set by rounding."""
 FAR = 4.0
-"""[1] Standard deviations beyond which an input of the function, or an error in its judgement, is cut. Set by choice; held by
-run 11."""
+"""[1] Standard deviations beyond which an input of the function, or an error judged, is cut. Set by choice; held by run 11."""
 OUTLIER = 4.0
 """[1] Standard deviations beyond which an instant weighs as if it stood there. Set by a healthy drive whose exhaust ran backwards
 through the EGR valve for a moment, where the balances are off by forty: one instant named a curve of that valve; half or twice of
