@@ -78,6 +78,10 @@ class HealthyDrive:
         float, Item("1", "largest variance over blocks of the score of an effect, over that of noise")
     ] = 1.0
 
+    def __post_init__(self) -> None:
+        if len(self.bells) != len(self.balances):
+            raise ValueError(f"it has {len(self.bells)} functions for {len(self.balances)} balances")
+
     @property
     def spacing(self) -> float:
         """Distance of instants [s]: every other one, where all known errors last so long that no balance loses much by that."""

@@ -262,12 +262,13 @@ def _bare(problem: Problem, logs: Sequence[str]) -> HealthyDrive:
     )
     channels = (*(name for name in moving if name != SENSOR), *states)
     along = np.stack([*(problem.over_all(name) for name in channels), *(s.rate[name] for name in moving)], axis=1)
+    balances, nothing = problem.model.balances, Bells(*[np.zeros((0, 0))] * 5)
     bare = HealthyDrive(
-        logs=tuple(logs), balances=problem.model.balances, channels=channels, rates=moving, middle=along.mean(0),
-        spread=along.std(0), bells=(), amplitude=none, of_map=none, deviation=np.zeros(len(problem.model.names)),
+        logs=tuple(logs), balances=balances, channels=channels, rates=moving, middle=along.mean(0), spread=along.std(0),
+        bells=(nothing,) * len(balances), amplitude=none, of_map=none, deviation=np.zeros(len(problem.model.names)),
         covariance=none, scale=none, lasting=none, slow=none, effects=(), whole=none, late=none, beyond=none,
     )  # fmt: skip
-    return _placed(bare, problem, [(usual_lengths(len(channels)), START)] * len(problem.model.balances))
+    return _placed(bare, problem, [(usual_lengths(len(channels)), START)] * len(balances))
 
 
 def _with_lengths(bare: HealthyDrive, problem: Problem, rows: Iterable[tuple[Any, ...]]) -> HealthyDrive:
@@ -278,13 +279,13 @@ def _with_lengths(bare: HealthyDrive, problem: Problem, rows: Iterable[tuple[Any
 
 def _placed(bare: HealthyDrive, problem: Problem, each: Sequence[tuple[Array, Array]]) -> HealthyDrive:
     """Return the same with bells along what the drives have visited, of these lengths and variances in every balance."""
-    visited, none = bare.inputs(problem)[0][problem.shown.any(axis=0), : len(bare.channels)], np.zeros(0)
+    visited = bare.inputs(problem)[0][problem.shown.any(axis=0), : len(bare.channels)]
     visited = visited[:: max(1, round(1.0 / problem.spacing))]  # one a second: those between are close to it
     bells = []
-    for lengths, shares in each:
+    for empty, (lengths, shares) in zip(bare.bells, each, strict=True):
         enough = thresholds.UNTOLD / max(1.0, float(np.exp(shares[1])))
         centres = spread_out(visited / lengths, thresholds.BELLS, enough) * lengths
-        bells.append(Bells(centres, lengths, weights=none, by_constant=none, unsure=none))
+        bells.append(replace(empty, centres=centres, lengths=lengths))
     return replace(bare, bells=tuple(bells))
 
 

@@ -183,6 +183,11 @@ def test_it_comes_back_from_a_file_as_it_was(healthy, tmp_path):
             assert np.array_equal(getattr(stored, name), getattr(own, name)), name
 
 
+def test_every_balance_has_its_function(healthy):
+    with pytest.raises(ValueError, match="it has 3 functions for 4 balances"):
+        replace(healthy, bells=healthy.bells[:-1])
+
+
 def by_constants(healthy, changed):
     """Return the same with other derivatives by the constants."""
     return replace(healthy, bells=tuple(replace(b, by_constant=changed(b.by_constant)) for b in healthy.bells))
