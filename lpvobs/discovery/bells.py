@@ -1,7 +1,8 @@
 """The smooth function that a balance leaves on healthy drives: bells over channels, and lines over rates.
 
-It is a Gaussian process that stands on bells at some instants of the healthy drives. Bells whose heights are independent before
-any data would overlap; `root` turns them into features that are.
+The function is a Gaussian process over the channels. It is written as a sum of bells around some instants of the healthy drives,
+as many as it takes. Bells overlap, so before any data their weights depend on each other; `root` makes features of them whose
+weights do not.
 """
 
 from dataclasses import dataclass
@@ -10,14 +11,18 @@ from typing import Annotated
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from lpvobs.discovery.thresholds import FAR, RIDGE
 from lpvobs.records import Array, Item
 
+LAGS = 2 ** np.arange(9)  # up to about a minute
+_SHARES = np.append(np.append(1.0, 1.5 * LAGS[:-2]), 0.5 * LAGS[-2] + 0.5)  # how many lags each stands for
+
 
 @dataclass(frozen=True, eq=False)
 class Bells:
-    """m bells over c channels and lines over r rates, and what is learned of them: f = m + r weights, n constants."""
+    """m bells over c channels and lines over r rates, f = m + r in all, and what is learned of them beside n constants."""
 
     centres: Annotated[
         Array, Item("1", "middle of a bell, in standard deviations from a channel's mean", ("bell", "channel"))
@@ -30,7 +35,10 @@ class Bells:
         Array,
         Item("kg/s", "derivative of the weights by the relative deviation of a constant", ("feature", "constant")),
     ]
-    unsure: Annotated[Array, Item("kg/s", "square root of the weights' covariance", ("feature", "other_feature"))]
+    unsure: Annotated[
+        Array,
+        Item("kg/s", "root U of the weights' covariance U U^T, in independent columns", ("feature", "other_feature")),
+    ]
 
     def along(self, inputs: Array) -> Array:
         """Return bells and lines, shape (k, f), of inputs of shape (k, c + r)."""
@@ -41,18 +49,37 @@ class Bells:
 
     @cached_property
     def root(self) -> Array:
-        """What turns bells and lines into features that are independent and of unit variance before any data, shape (m, m)."""
+        """R, shape (m, m): before any data, the features R b of the bells b have independent weights of unit variance."""
         own = bells_of(self.centres, self.centres, self.lengths)
         return np.linalg.inv(np.linalg.cholesky(own + RIDGE * np.eye(len(own))))
 
     def root_with_lines(self, f: int) -> Array:
-        """Return the same with the lines, which are such features, shape (f, f)."""
+        """Return the same for bells and lines, shape (f, f); the lines' weights are independent as they are."""
         return np.asarray(scipy.linalg.block_diag(self.root, np.eye(f - len(self.root))))
 
-    def told(self, along: Array) -> Array:
-        """Return the share of the function's variance that these bells can have, shape (k,)."""
+    def missed(self, views: Array, along: Array, log: NDArray[np.int64]) -> Array:
+        """Return the share of the function's variance that these bells lack, times the places that this lasts for, shape (k,).
+
+        `views` are the inputs, (2, k, c + r), `along` the mean of their bells and lines, `log` the number of each place's log. What
+        is lacking at places l apart is the kernel there less what the bells have of it; its sum over l is that over 1, 2, 4...,
+        straight in between.
+        """
+        x = views.mean(0)[:, : self.lengths.size] / self.lengths
+        apart = (views[0] - views[1])[:, : self.lengths.size] / self.lengths
         features = along[:, : len(self.root)] @ self.root.T
-        return np.asarray(np.clip((features**2).sum(1), 0.0, 1.0))
+        here = 0.5 * (1.0 + np.exp(-0.5 * (apart**2).sum(1))) - (features**2).sum(
+            1
+        )  # the mean of two views varies less
+        total = here.copy()
+        for lag, share in zip(LAGS, _SHARES, strict=True):
+            if lag >= len(x):
+                break
+            one, other = slice(None, -lag), slice(lag, None)
+            kernel = np.exp(-0.5 * ((x[one] - x[other]) ** 2).sum(1))
+            lacking = (kernel - np.einsum("kf,kf->k", features[one], features[other])) * (log[one] == log[other])
+            total[one] += share * lacking
+            total[other] += share * lacking
+        return np.asarray(np.maximum(total, np.maximum(here, 0.0)))
 
     def slopes(self, inputs: Array) -> Array:
         """Return the derivatives of the function by its inputs, shape (k, c + r)."""
@@ -75,14 +102,16 @@ def bells_of(x: Array, centres: Array, lengths: Array) -> Array:
 def spread_out(x: Array, most: int, enough: float) -> Array:
     """Return points of x, shape (k, c), where bells of unit length stand: each where those before tell least.
 
-    There are `most` at most, and no more where all points miss no more than `enough` of the function's variance on average.
+    There are `most` at most, and no more once the points lack at most `enough` of the function's variance on average.
     """
     chosen: list[int] = []
     told, rows = np.zeros(len(x)), np.empty((most, len(x)))
-    while len(chosen) < min(most, len(x)) and 1.0 - told.mean() > enough:  # a Cholesky decomposition with pivots
+    while len(chosen) < most and (1.0 - told).sum() > enough * len(x):  # a Cholesky decomposition with pivots
         i, j = len(chosen), int(np.argmin(told))
+        if 1.0 - told[j] < RIDGE:
+            break
         row = np.exp(-0.5 * ((x - x[j]) ** 2).sum(1)) - rows[:i, j] @ rows[:i]
-        rows[i] = row / np.sqrt(max(1.0 - told[j], RIDGE))
+        rows[i] = row / np.sqrt(1.0 - told[j])
         told += rows[i] ** 2
         chosen.append(j)
     return x[chosen]

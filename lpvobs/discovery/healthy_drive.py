@@ -32,7 +32,7 @@ from lpvobs.records import Array, Item
 
 @dataclass(frozen=True, eq=False)
 class HealthyDrive:
-    """What B balances leave over c channels and r rates, with m bells."""
+    """What B balances leave over c channels and r rates."""
 
     logs: tuple[str, ...]  # the healthy drives that it was learned from
     balances: Annotated[tuple[str, ...], Item("1", "balance", name="balance")]
@@ -48,6 +48,10 @@ class HealthyDrive:
     lasting: Annotated[
         Array,
         Item("s", "time between independent errors whose sum would vary as that of the fast errors", ("balance",)),
+    ]
+    missed: Annotated[
+        Array,
+        Item("s", "share of the function's variance that its bells lack on these drives, times how long", ("balance",)),
     ]
     slow: Annotated[
         Array, Item("kg/s", "standard deviation of the error that lasts all day, and for minutes", ("balance", "error"))
@@ -107,21 +111,26 @@ class HealthyDrive:
     def along(self, problem: Problem) -> Iterator[Array]:
         """Yield bells and lines of each balance along a problem, shape (K, m + r): the mean of both views.
 
-        One after the other, since an hour has up to 90 MB of each.
+        One after the other, since an hour has up to 70 MB of each.
         """
         one, other = self.inputs(problem)
         for bells in self.bells:
-            yield 0.5 * (bells.along(one) + bells.along(other))
+            along = bells.along(one)
+            along += bells.along(other)
+            along *= 0.5
+            yield along
 
     def expected(self, problem: Problem) -> Array:
         """Return what a healthy engine leaves [kg/s], and the variance of its errors beyond over that of white noise, (2, B, K)."""
-        each = enumerate(self.along(problem))
-        return np.array([self._expected(problem, along, b) for b, along in each]).swapaxes(0, 1)
+        views, each = self.inputs(problem), enumerate(self.along(problem))
+        return np.array([self._expected(problem, views, along, b) for b, along in each]).swapaxes(0, 1)
 
-    def _expected(self, problem: Problem, along: Array, b: int) -> tuple[Array, Array]:
+    def _expected(self, problem: Problem, views: Array, along: Array, b: int) -> tuple[Array, Array]:
         bells = self.bells[b]
-        unsure = (self.amplitude[b] / self.scale[b]) ** 2 * (1.0 - bells.told(along))
-        return along @ bells.weights, max(self.lasting[b] / problem.spacing, 1.0) * (1.0 + unsure)
+        # what the bells lack on healthy drives is in the errors there
+        beyond = bells.missed(views, along, problem.of_log) - self.missed[b] / problem.spacing
+        unsure = (self.amplitude[b] / self.scale[b]) ** 2 * np.maximum(beyond, 0.0)
+        return along @ bells.weights, max(self.lasting[b] / problem.spacing, 1.0) + unsure
 
     def taken_off(self, problem: Problem, modes: Array | None = None) -> Problem:
         """Return the problem that asks for what has changed, for any width of the windows.
@@ -130,9 +139,9 @@ class HealthyDrive:
         """
         problem = self._where_known(problem)
         answers, learned = by_constants(problem), self._by_constants(problem)
-        each, slow = [], []
+        views, each, slow = self.inputs(problem), [], []
         for b, along in enumerate(self.along(problem)):
-            each.append(self._expected(problem, along, b))
+            each.append(self._expected(problem, views, along, b))
             slow.append(self._slow(problem, along, b, each[b][1]))
         expected = np.array(each).swapaxes(0, 1)
         modes = self._shown_modes(problem, answers - learned, expected[1]) if modes is None else modes
@@ -150,8 +159,9 @@ class HealthyDrive:
 
         With other constants the healthy drives would have left something else, and what both drives show of a constant cancels.
         """
-        inputs = np.concatenate(self.inputs(problem)[::-1])
-        return np.stack([bells.along(inputs) @ bells.by_constant for bells in self.bells]).transpose(2, 0, 1)
+        other, one = self.inputs(problem)
+        each = [[bells.along(view) @ bells.by_constant for view in (one, other)] for bells in self.bells]
+        return np.array([np.concatenate(views) for views in each]).transpose(2, 0, 1)
 
     def _beside_healthy(
         self, problem: Problem, modes: Array, learned: Array, model: ResidualModel, patterns: Patterns, healthy: Array

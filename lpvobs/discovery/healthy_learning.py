@@ -153,7 +153,7 @@ def left_of(problem: Problem, logs: Sequence[str]) -> HealthyDrive:
     left = left - (problem.by_reading * map_along(problem.prior.mean, operating_nodes(problem, scenes)))[:, None]
     bare, mean = _bare(problem, logs), left.mean(1)
     function, shares = np.zeros((B, K)), np.tile(START, (B, 1))
-    for number in range(thresholds.PASSES):
+    for number in range(thresholds.HEALTHY_PASSES):
         scale = _scales(mean - function, problem)
         rows = list(zip(problem.shown, mean, scale, shares.copy(), strict=True))
         if number:  # the scale is that of noise now
@@ -166,13 +166,18 @@ def left_of(problem: Problem, logs: Sequence[str]) -> HealthyDrive:
     each = [_learned(problem, bells, views, *row) for bells, *row in of_each]
     bells, *others = zip(*each, strict=True)
     own = _LearnedBalance(bells, *map(np.array, others))
-    rest = _scales(mean - own.along, problem)
-    scale = np.array([np.median(row[on]) if on.any() else 1.0 for row, on in zip(rest, problem.shown, strict=True)])
+    before, rest = scale, _scales(mean - own.along, problem)
+    known_by, scale = (
+        np.array([np.median(row[on]) if on.any() else 1.0 for row, on in zip(rows, problem.shown, strict=True)])
+        for rows in (before, rest)
+    )
+    lasting = own.lasting * (known_by / scale) ** 2  # the variance of means over some seconds stays as it is
     # of an instant, in each balance: those of exhaust and turbine do not read the map
-    information = np.where(own.amplitude > 0.0, 1.0 / (scale**2 * np.maximum(own.lasting, 1.0)), 0.0)
+    information = np.where(own.amplitude > 0.0, 1.0 / (scale**2 * np.maximum(lasting, 1.0)), 0.0)
     nodes = operating_nodes(problem, scenes)
     return replace(
-        bare, bells=own.bells, amplitude=own.amplitude, scale=scale, slow=own.slow, lasting=problem.spacing * own.lasting,
+        bare, bells=own.bells, amplitude=own.amplitude, scale=scale, lasting=problem.spacing * lasting,
+        missed=problem.spacing * own.missed, slow=own.slow,
         of_map=map_normal(problem.prior.mean.size, nodes, information @ problem.by_reading**2),
         covariance=_known_to(problem.model, own.information.sum(0)),
     )  # fmt: skip
@@ -186,6 +191,7 @@ class _LearnedBalance(NamedTuple):
     information: Array  # (n, n) on the constants
     amplitude: Any
     lasting: Any
+    missed: Any
     slow: Array
 
 
@@ -207,7 +213,7 @@ def _learned(
     logs = problem.of_log[shown][pieces(problem, shown)]
     if logs.size < LEAST_PIECES:
         nothing = replace(bells, weights=np.zeros(f), by_constant=np.zeros((f, n)), unsure=np.zeros((f, f)))
-        return _LearnedBalance(nothing, np.zeros(shown.size), np.zeros((n, n)), 0.0, 1.0, np.zeros(2))
+        return _LearnedBalance(nothing, np.zeros(shown.size), np.zeros((n, n)), 0.0, 1.0, 0.0, np.zeros(2))
     lasting, *variances = np.exp(shares)
     size, *slow = np.median(scale[shown]) * np.sqrt(variances)
     products, seen_by, information = np.zeros((f, f)), np.zeros((f, 1 + n)), np.zeros((n, n))
@@ -221,9 +227,8 @@ def _learned(
             y = weight * left[:, here, on]
             gram += rows.T @ rows
             seen += rows.T @ y.T
-            information += (
-                y[1:] @ (weight * left[1:, other, on]).T
-            )  # the noise of derivatives is that of their own view
+            # the noise of derivatives is that of their own view
+            information += y[1:] @ (weight * left[1:, other, on]).T
         known = np.linalg.solve(gram[f:, f:] + np.eye(own.shape[1]), np.hstack([gram[f:, :f], seen[f:]]))
         products += gram[:f, :f] - gram[:f, f:] @ known[:, :f]
         seen_by += seen[:f] - gram[:f, f:] @ known[:, f:]
@@ -236,9 +241,10 @@ def _learned(
     answers = features @ seen_by
     information -= answers[:, 1:].T @ answers[:, 1:]
     weights = features.T @ answers
-    function = 0.5 * sum(bells.along(view) @ weights[:, 0] for view in views)
+    middle = 0.5 * (bells.along(views[0]) + bells.along(views[1]))
+    function, missed = middle @ weights[:, 0], float(bells.missed(views, middle, problem.of_log)[shown].mean())
     found = replace(bells, weights=weights[:, 0], by_constant=weights[:, 1:], unsure=features.T)
-    return _LearnedBalance(found, function, information, float(size), float(lasting), np.array(slow))
+    return _LearnedBalance(found, function, information, float(size), float(lasting), missed, np.array(slow))
 
 
 def _known_to(model: ResidualModel, information: Array) -> Array:
@@ -266,25 +272,26 @@ def _bare(problem: Problem, logs: Sequence[str]) -> HealthyDrive:
     bare = HealthyDrive(
         logs=tuple(logs), balances=balances, channels=channels, rates=moving, middle=along.mean(0), spread=along.std(0),
         bells=(nothing,) * len(balances), amplitude=none, of_map=none, deviation=np.zeros(len(problem.model.names)),
-        covariance=none, scale=none, lasting=none, slow=none, effects=(), whole=none, late=none, beyond=none,
+        covariance=none, scale=none, lasting=none, missed=none, slow=none, effects=(), whole=none, late=none, beyond=none,
     )  # fmt: skip
     return _placed(bare, problem, [(usual_lengths(len(channels)), START)] * len(balances))
 
 
 def _with_lengths(bare: HealthyDrive, problem: Problem, rows: Iterable[tuple[Any, ...]]) -> HealthyDrive:
-    """Return the same with the likeliest lengths; `rows` are what `likeliest_lengths` asks of each balance."""
+    """Return the same with bells of the likeliest lengths, and as many as these ask for.
+
+    `rows` are what `likeliest_lengths` asks of each balance.
+    """
     inputs, c = bare.inputs(problem).mean(0), len(bare.channels)
     return _placed(bare, problem, [likeliest_lengths(problem, inputs[:, :c], inputs[:, c:], *row) for row in rows])
 
 
 def _placed(bare: HealthyDrive, problem: Problem, each: Sequence[tuple[Array, Array]]) -> HealthyDrive:
-    """Return the same with bells along what the drives have visited, of these lengths and variances in every balance."""
-    visited = bare.inputs(problem)[0][problem.shown.any(axis=0), : len(bare.channels)]
-    visited = visited[:: max(1, round(1.0 / problem.spacing))]  # one a second: those between are close to it
-    bells = []
-    for empty, (lengths, shares) in zip(bare.bells, each, strict=True):
+    """Return the same with bells where the balances count, of lengths and for logarithms of variances, (4,), in each of them."""
+    inputs, bells = bare.inputs(problem)[0][:, : len(bare.channels)], []
+    for empty, shown, (lengths, shares) in zip(bare.bells, problem.shown, each, strict=True):
         enough = thresholds.UNTOLD / max(1.0, float(np.exp(shares[1])))
-        centres = spread_out(visited / lengths, thresholds.BELLS, enough) * lengths
+        centres = spread_out(inputs[shown] / lengths, thresholds.BELLS, enough) * lengths
         bells.append(replace(empty, centres=centres, lengths=lengths))
     return replace(bare, bells=tuple(bells))
 

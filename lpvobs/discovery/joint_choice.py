@@ -142,8 +142,8 @@ def _curve_again(linear: Linear, candidate: Candidate) -> tuple[Candidate, Linea
         moved = surface_again(linear, newest, surface)
         if moved is None:
             break
-        again = refit(linear, [*bare.terms, moved[1]])
-        if objective(again) + moved[0].cost > objective(linear) + surface.cost:
+        again = with_term(linear, newest, moved[1])
+        if objective(again) + moved[0].cost > objective(refit(linear, linear.terms)) + surface.cost:
             break
         surface, linear = moved[0], fit(linear.problem, again.terms, passes=1, start=again)
     bare, term = without(linear, newest), linear.terms[newest]
