@@ -605,7 +605,10 @@ def test_fast_errors_last_as_long_at_any_spacing(laid_out, clean, healthy):
     assert found[1] == pytest.approx(found[0], rel=0.25)
     far = replace(problem, time=4.0 * problem.time)
     (_, near_wider), (_, far_wider) = (healthy.expected(each) for each in (problem, far))
-    for each, wider in ((problem, near_wider), (far, far_wider)):  # where the bells lack no more than on the healthy drive
+    for each, wider in (
+        (problem, near_wider),
+        (far, far_wider),
+    ):  # where the bells lack no more than on the healthy drive
         np.testing.assert_allclose(wider.min(1), np.maximum(healthy.lasting / each.spacing, 1.0))
 
 
