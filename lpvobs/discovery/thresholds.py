@@ -71,7 +71,7 @@ HEALTHY_LEAST = 300.0
 """[s] Driving below which nothing is learned of what a healthy engine leaves: too few minutes are held out. Set by trial:
 with 80 s a sensor that read 20 % too much was not found."""
 HEALTHY_SECONDS = 3600.0
-"""[s] Driving that is enough to learn what a healthy engine leaves. Set by time: an hour in six logs takes half a minute."""
+"""[s] Driving that is enough to learn what a healthy engine leaves. Set by time: an hour in six logs takes about a minute."""
 BELLS = 600
 """[1] Most bells of the function that says what a balance leaves on a healthy engine. Set by time: it grows with the square."""
 UNTOLD = 0.1
