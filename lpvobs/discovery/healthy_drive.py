@@ -36,9 +36,7 @@ class HealthyDrive:
 
     logs: tuple[str, ...]  # the healthy drives that it was learned from
     balances: Annotated[tuple[str, ...], Item("1", "balance", name="balance")]
-    channels: Annotated[
-        tuple[str, ...], Item("1", "channel over which the bell-shaped functions are placed", name="channel")
-    ]
+    channels: tuple[str, ...]  # those that the bells stand over
     rates: tuple[str, ...]  # channels whose rates have a line
     middle: Annotated[Array, Item("SI", "mean of each channel and of each rate", ("input",))]
     spread: Annotated[Array, Item("SI", "standard deviation of each channel and of each rate", ("input",))]
