@@ -11,13 +11,9 @@ from typing import Annotated
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from lpvobs.discovery.thresholds import FAR, RIDGE
 from lpvobs.records import Array, Item
-
-LAGS = 2 ** np.arange(9)  # up to about a minute
-_SHARES = np.append(np.append(1.0, 1.5 * LAGS[:-2]), 0.5 * LAGS[-2] + 0.5)  # how many lags each stands for
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,29 +53,16 @@ class Bells:
         """Return the same for bells and lines, shape (f, f); the lines' weights are independent as they are."""
         return np.asarray(scipy.linalg.block_diag(self.root, np.eye(f - len(self.root))))
 
-    def missed(self, views: Array, along: Array, log: NDArray[np.int64]) -> Array:
-        """Return the share of the function's variance that these bells lack, times the places that this lasts for, shape (k,).
+    def missed(self, views: Array, along: Array) -> Array:
+        """Return the share of the function's variance that these bells lack, shape (k,).
 
-        `views` are the inputs, (2, k, c + r), `along` the mean of their bells and lines, `log` the number of each place's log. What
-        is lacking at places l apart is the kernel there less what the bells have of it; its sum over l is that over 1, 2, 4...,
-        straight in between.
+        `views` are the inputs, (2, k, c + r), `along` the mean of their bells and lines. The mean of two views varies less than the
+        function itself.
         """
-        x = views.mean(0)[:, : self.lengths.size] / self.lengths
         apart = (views[0] - views[1])[:, : self.lengths.size] / self.lengths
         features = along[:, : len(self.root)] @ self.root.T
-        here = 0.5 * (1.0 + np.exp(-0.5 * (apart**2).sum(1))) - (features**2).sum(
-            1
-        )  # the mean of two views varies less
-        total = here.copy()
-        for lag, share in zip(LAGS, _SHARES, strict=True):
-            if lag >= len(x):
-                break
-            one, other = slice(None, -lag), slice(lag, None)
-            kernel = np.exp(-0.5 * ((x[one] - x[other]) ** 2).sum(1))
-            lacking = (kernel - np.einsum("kf,kf->k", features[one], features[other])) * (log[one] == log[other])
-            total[one] += share * lacking
-            total[other] += share * lacking
-        return np.asarray(np.maximum(total, np.maximum(here, 0.0)))
+        of_mean = 0.5 * (1.0 + np.exp(-0.5 * (apart**2).sum(1)))
+        return np.asarray(np.maximum(of_mean - (features**2).sum(1), 0.0))
 
     def slopes(self, inputs: Array) -> Array:
         """Return the derivatives of the function by its inputs, shape (k, c + r)."""

@@ -48,8 +48,7 @@ class HealthyDrive:
         Item("s", "time between independent errors whose sum would vary as that of the fast errors", ("balance",)),
     ]
     missed: Annotated[
-        Array,
-        Item("s", "share of the function's variance that its bells lack on these drives, times how long", ("balance",)),
+        Array, Item("1", "share of the function's variance that its bells lack on these drives", ("balance",))
     ]
     slow: Annotated[
         Array, Item("kg/s", "standard deviation of the error that lasts all day, and for minutes", ("balance", "error"))
@@ -126,9 +125,9 @@ class HealthyDrive:
     def _expected(self, problem: Problem, views: Array, along: Array, b: int) -> tuple[Array, Array]:
         bells = self.bells[b]
         # what the bells lack on healthy drives is in the errors there
-        beyond = bells.missed(views, along, problem.of_log) - self.missed[b] / problem.spacing
-        unsure = (self.amplitude[b] / self.scale[b]) ** 2 * np.maximum(beyond, 0.0)
-        return along @ bells.weights, max(self.lasting[b] / problem.spacing, 1.0) + unsure
+        beyond = np.maximum(bells.missed(views, along) - self.missed[b], 0.0)
+        unsure = (self.amplitude[b] / self.scale[b]) ** 2 * beyond
+        return along @ bells.weights, max(self.lasting[b] / problem.spacing, 1.0) * (1.0 + unsure)
 
     def taken_off(self, problem: Problem, modes: Array | None = None) -> Problem:
         """Return the problem that asks for what has changed, for any width of the windows.

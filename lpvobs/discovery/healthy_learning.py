@@ -177,7 +177,7 @@ def left_of(problem: Problem, logs: Sequence[str]) -> HealthyDrive:
     nodes = operating_nodes(problem, scenes)
     return replace(
         bare, bells=own.bells, amplitude=own.amplitude, scale=scale, lasting=problem.spacing * lasting,
-        missed=problem.spacing * own.missed, slow=own.slow,
+        missed=own.missed, slow=own.slow,
         of_map=map_normal(problem.prior.mean.size, nodes, information @ problem.by_reading**2),
         covariance=_known_to(problem.model, own.information.sum(0)),
     )  # fmt: skip
@@ -242,7 +242,7 @@ def _learned(
     information -= answers[:, 1:].T @ answers[:, 1:]
     weights = features.T @ answers
     middle = 0.5 * (bells.along(views[0]) + bells.along(views[1]))
-    function, missed = middle @ weights[:, 0], float(bells.missed(views, middle, problem.of_log)[shown].mean())
+    function, missed = middle @ weights[:, 0], float(bells.missed(views, middle)[shown].mean())
     found = replace(bells, weights=weights[:, 0], by_constant=weights[:, 1:], unsure=features.T)
     return _LearnedBalance(found, function, information, float(size), float(lasting), missed, np.array(slow))
 
