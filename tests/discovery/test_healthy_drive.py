@@ -694,10 +694,10 @@ def test_a_healthy_engine_is_a_function_of_how_warm_it_is(plant, config, prior, 
     sensor = slice(0, 2)
     alike, cold = (
         lay_out(plant, config.grid(), prior, [warming(begin, end, 2)])
-        for begin, end in ((320.0, 360.0), (260.0, 300.0))
+        for begin, end in ((320.0, 360.0), (270.0, 300.0))
     )
     (_, known), (_, unknown) = (shown.expected(each)[:, sensor] for each in (alike, cold))
-    assert np.median(unknown) > 2.0 * np.median(known)
+    assert np.all(np.median(unknown, axis=1) > (2.0, 3.0) * np.median(known, axis=1))  # the cylinders breathe otherwise
     without = replace(alike, auxiliary={})  # a log that lacks it is taken for one as warm as usual
     assert np.isfinite(shown.expected(without)).all()
     assert set(shown.taken_off(alike).follows) == {*shown.channels} - {"T_coolant"}
