@@ -235,9 +235,8 @@ def _learned(
         information -= seen[f:, 1:].T @ known[:, f + 1 :]
     root = size * bells.root_with_lines(f)
     factor = scipy.linalg.cholesky(np.eye(f) + root @ products @ root.T, lower=True)
-    features = scipy.linalg.solve_triangular(
-        factor, root, lower=True
-    )  # U = L^-1 R, and U' U is the weights' covariance
+    # U = L^-1 R, and U' U is the weights' covariance
+    features = scipy.linalg.solve_triangular(factor, root, lower=True)
     answers = features @ seen_by
     information -= answers[:, 1:].T @ answers[:, 1:]
     weights = features.T @ answers
