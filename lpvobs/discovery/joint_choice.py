@@ -128,7 +128,7 @@ def _simpler(linear: Linear, candidate: Candidate) -> Candidate | None:
 def _curve_again(linear: Linear, candidate: Candidate) -> tuple[Candidate, Linear]:
     """Return a component's curve that follows map, constants and weights which now go with it, and the model with that.
 
-    It begins where it then explains most, and stays as it is where the one found again explains less, its coefficients paid.
+    It begins where it then explains most.
     """
     newest = len(linear.terms) - 1
     bare, term, surface = without(linear, newest), linear.terms[newest], candidate.term.curve
@@ -142,10 +142,8 @@ def _curve_again(linear: Linear, candidate: Candidate) -> tuple[Candidate, Linea
         moved = surface_again(linear, newest, surface)
         if moved is None:
             break
-        again = with_term(linear, newest, moved[1])
-        if objective(again) + moved[0].cost > objective(refit(linear, linear.terms)) + surface.cost:
-            break
-        surface, linear = moved[0], fit(linear.problem, again.terms, passes=1, start=again)
+        surface, term = moved
+        linear = fit(linear.problem, [*linear.terms[:newest], term], passes=1, start=linear)
     bare, term = without(linear, newest), linear.terms[newest]
     own = fit_candidate(bare, term.effect, size=term.size, like=term)
     return in_place(linear, newest, replace(own, gain=candidate.gain)), linear

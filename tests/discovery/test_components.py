@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lpvobs.discovery import joint_choice
 from lpvobs.discovery.courses import FactorSurface
-from lpvobs.discovery.curves import component_candidates, curve_in_place_of, driven_by, surface_of
+from lpvobs.discovery.curves import curve_in_place_of, driven_by, surface_of
 from lpvobs.discovery.evidence import fit_candidate, score
 from lpvobs.discovery.fit import fit
 from lpvobs.discovery.known_effects import term_on
@@ -144,23 +143,3 @@ def _flat(curve):
     ones = np.ones((first.size, second.size))
     names, units = tuple(curve.axes), tuple(axis.unit for axis in curve.axes.values())
     return FactorSurface(names, units, first, second, ones, ones, (0.0, 0.0), 0.1, 0.0, True)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("way", "dearer", "stays"), [(1, -1.0, False), (1, 1.0, True), (-1, -1.0, True)])
-def test_a_curve_that_is_found_again_must_explain_more(wrong, config, clean, monkeypatch, way, dearer, stays):
-    """Beside its own weights, an EGR curve of -0.34 became one of 0.9 with twice the coefficients, and then no name at all."""
-    grid = config.grid()
-    bare = fit(lay_out(wrong, grid, free_map(grid, len(wrong.names), 0.1), [clean]))
-    curve = next(
-        each
-        for each in component_candidates(bare, [fit_candidate(bare, bare.problem.catalogue[0])])
-        if each.id == "eta_vol.curve"
-    )
-    linear = fit(bare.problem, [curve.term])
-    term, surface = linear.terms[0], curve.term.curve
-    changed = replace(surface, values=surface.values[::way], cost=surface.cost + dearer)
-    moved = replace(term, effect=driven_by(next(c for c in wrong.curves if c.id == curve.id), changed), curve=changed)
-    monkeypatch.setattr(joint_choice, "surface_again", lambda *_: (changed, moved))
-    again, _ = joint_choice._curve_again(linear, curve)
-    assert (again.term.curve is surface, again.term.curve is changed) == (stays, not stays)
