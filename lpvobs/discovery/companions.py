@@ -6,13 +6,14 @@ from dataclasses import replace
 import numpy as np
 
 from lpvobs.discovery import thresholds
+from lpvobs.discovery.curves import over_time
 from lpvobs.discovery.evidence import Candidate, in_place
-from lpvobs.discovery.fit import fit, refit, without
-from lpvobs.discovery.forms import PREFIX
+from lpvobs.discovery.fit import fit, objective, refit, without
+from lpvobs.discovery.forms import CHANNEL, PREFIX
 from lpvobs.discovery.held_out import Losses, cross_validated, noise_power
 from lpvobs.discovery.linear import Linear, cancels, changed_by
 from lpvobs.discovery.places import moves
-from lpvobs.discovery.ranking import is_significant, is_uneven
+from lpvobs.discovery.ranking import is_remnant, is_significant, is_uneven
 from lpvobs.discovery.residual import Problem, Term
 from lpvobs.records import Array
 
@@ -57,7 +58,7 @@ def _is_of_its_own(linear: Linear, newest: Candidate, gained: float) -> bool:
         return False
     effects = [term.effect for term in linear.terms]
     # a channel or a formula has the shape that came first, no cause's own
-    shapeless = any(effects[i].id.startswith(("channel:", PREFIX)) for i in others)
+    shapeless = any(effects[i].id.startswith((CHANNEL, PREFIX)) for i in others)
     here = [
         effects[i] for i in others if effects[i].place == effects[last].place and effects[i].late == effects[last].late
     ]
@@ -94,6 +95,27 @@ def _bends(problem: Problem) -> Array:
     return np.stack([*scaled, *((x**2 - 1.0) / np.std(x**2) for x in scaled)])
 
 
+def clear(gain: float) -> float:
+    """Return what a formula gains more than a name where the difference is clear; no cause has quite the catalogue's shape."""
+    return max(thresholds.FORM_CLEAR, thresholds.SHAPE**2 * gain)
+
+
+def is_slow(linear: Linear) -> bool:
+    """Return whether a curve over the time explains clearly more than what is named of the sensor: its error has another cause.
+
+    A curve over a channel has no cause of its own. One that the time explains about as well is any slow channel's.
+    """
+    named = [term.effect for term in linear.terms if term.effect.place == "sensor"]
+    if not (named and len(linear.problem.patterns)):
+        return False
+    bare = refit(linear, [term for term in linear.terms if term.effect.place != "sensor"])
+    left, without_any = objective(linear), objective(bare)
+    ahead = left - objective(refit(bare, [*bare.terms, over_time(bare).term]))
+    if any(effect.id.startswith(CHANNEL) for effect in named):
+        return ahead > -(thresholds.SHAPE**2) * (without_any - left)
+    return ahead > clear(without_any - left)
+
+
 def is_remainder(candidate: Candidate, accepted: Sequence[Candidate], problem: Problem) -> bool:
     """Return whether an effect is only what the others leave in fast transients or at their edges.
 
@@ -108,14 +130,16 @@ def pruned(linear: Linear, accepted: Sequence[Candidate]) -> tuple[Sequence[Cand
     """Return the effects that are still needed beside the others, and the model with these alone.
 
     Where healthy drives tell, what begins at the place of a stronger effect in the same moment is that effect, of another shape
-    than the catalogue's. It was in the model until here, so that nothing else took its place.
+    than the catalogue's. What is too small for a fault is what the others leave. Both were in the model until here, so that nothing
+    else took their place.
     """
     while accepted:
         accepted = [in_place(linear, i, c) for i, c in enumerate(accepted)]
         strong = [wald(c) for c in accepted]
         learned = len(linear.problem.patterns) > 0
         parts = [i for i in range(len(strong)) if learned and _is_part(i, strong, linear.terms)]
-        weakest = parts[0] if parts else int(np.argmin(strong))
+        parts += [i for i, term in enumerate(linear.terms) if len(strong) > 1 and is_remnant(term, linear.problem)]
+        weakest = min(parts or range(len(strong)), key=strong.__getitem__)
         if not parts and strong[weakest] >= thresholds.WEAKEST:
             break
         accepted = [item for i, item in enumerate(accepted) if i != weakest]
@@ -160,6 +184,14 @@ def same_place_again(candidate: Candidate, accepted: Sequence[Candidate], proble
         if (again and (beside or c.id == candidate.id)) or apart:
             return True
     return False
+
+
+def is_another_episode(candidate: Candidate, accepted: Sequence[Candidate]) -> bool:
+    """Return whether a candidate is an accepted effect at another time, more than half as large: no shape leaves so much."""
+    away = candidate.term.size - candidate.term.effect.null
+    same = [c.term for c in accepted if c.id == candidate.id and separate_in_time(c.term, candidate.term)]
+    theirs = [term.size - term.effect.null for term in same]
+    return any(away * own > 0.5 * own**2 for own in theirs)
 
 
 def _same_time(one: Term, other: Term) -> bool:

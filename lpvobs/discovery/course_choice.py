@@ -56,8 +56,7 @@ def best_course(linear: Linear, bare: Linear, own: Candidate, rivals: Sequence[E
     relays = _relays(bare.problem)
     every = relays + _in_time(bare.problem) + _lagging(bare.problem)
     found: list[Candidate] = []
-    # A reading of the flow that comes and goes may be any disturbance: without a cause in the log it has no name.
-    if own.term.effect.place != "sensor" and _may_come_and_go(own):
+    if _may_come_and_go(own, bare.problem):
         intervals = _comes_and_goes(linear, len(linear.terms) - 1)
         found = [fit_course(bare, own.term.effect, course) for course in intervals]
     for effect in with_courses([own.term.effect, *rivals]):
@@ -75,9 +74,14 @@ def best_course(linear: Linear, bare: Linear, own: Candidate, rivals: Sequence[E
     return best
 
 
-def _may_come_and_go(own: Candidate) -> bool:
-    """Return whether an effect may be on a course, and sizes of its own by block gain what two further instants cost."""
-    return bool(with_courses([own.term.effect])) and own.own_sizes > thresholds.COST + penalty(2, 1, own.gain)
+def _may_come_and_go(own: Candidate, problem: Problem) -> bool:
+    """Return whether an effect may be on a course, and sizes of its own by block gain what two further instants cost.
+
+    A reading of the flow that comes and goes may be any disturbance. Without a cause in the log it has no name, except where
+    healthy drives tell how the engine's own errors look.
+    """
+    named = own.term.effect.place != "sensor" or len(problem.patterns) > 0
+    return named and bool(with_courses([own.term.effect])) and own.own_sizes > thresholds.COST + penalty(2, 1, own.gain)
 
 
 def is_worth(course: Candidate, own: Candidate) -> bool:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from lpvobs.discovery.courses import Curve, FactorSurface, Shape
 from lpvobs.discovery.evidence import Candidate, fit_candidate
 from lpvobs.discovery.fit import linearised
-from lpvobs.discovery.forms import Factor, shape_of
+from lpvobs.discovery.forms import CHANNEL, TIME, Factor, shape_of
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.places import averaged
 from lpvobs.discovery.residual import Problem, Term
@@ -50,28 +50,48 @@ def shapes(linear: Linear) -> Iterator[tuple[str, str, Array]]:
 
 def channel_candidates(linear: Linear, most: int = 2) -> list[Candidate]:
     """Return the best curves of as many channels as candidates, if they gain more than their coefficients cost."""
-    problem = linear.problem
-    carriers = problem.carriers
-    slopes = {effect.id: slope_of(linear, effect, effect.null) for effect in carriers}
     best: dict[str, tuple[float, Effect, Curve]] = {}
     for name, of, values in shapes(linear):
-        knots, hats = basis(values)
-        off = not problem.prior.free and knots.size <= MOST_LEVELS  # a frozen map does not hold the average of a switch
-        middle = np.zeros((knots.size, 1)) if off else hats.mean(1, keepdims=True)
-        for effect in carriers:
-            columns = linear.whiten(np.stack([slopes[effect.id] * hat for hat in (hats - middle)[1:]]))
-            gradient, normal = linear.beside(columns)
-            normal += 1e-9 * max(float(np.trace(normal)), 1e-300) * np.eye(len(columns))
-            coefficients = -np.linalg.solve(normal, gradient)
-            gain = float(-0.5 * gradient @ coefficients)
-            if gain - COST * coefficients.size > best.get(name, (0.0,))[0]:
-                sizes = np.concatenate([[0.0], coefficients])
-                curve = Curve(name, of, effect.id, knots, sizes - float(sizes @ middle[:, 0]))
-                along = problem.over_columns(np.interp(values, curve.knots, curve.values))
-                driven = along_channel(curve, effect, along)
-                best[name] = gain - COST * coefficients.size, driven, curve
+        found = _best_curve(linear, name, of, values, linear.problem.carriers)
+        if found[0] > best.get(name, (0.0,))[0]:
+            best[name] = found
     ranked = sorted(best.values(), key=lambda item: -item[0])[:most]
     return [_fitted(linear, effect, curve) for _, effect, curve in ranked]
+
+
+def over_time(linear: Linear) -> Candidate:
+    """Return the best curve of the sensor over the time of each log: an error that changes slowly, whatever its cause."""
+    at_sensor = [effect for effect in linear.problem.carriers if effect.place == "sensor"]
+    _, effect, curve = _best_curve(linear, TIME, "value", linear.problem.time, at_sensor)
+    return _fitted(linear, effect, curve)
+
+
+def _best_curve(
+    linear: Linear, name: str, of: str, values: Array, carriers: Sequence[Effect]
+) -> tuple[float, Effect, Curve]:
+    """Return what the best curve of any carrier gains less what its coefficients cost, its effect, and the curve.
+
+    A frozen map does not hold the average of an error: a switch has none where it is off, and the time has a level of its own.
+    """
+    problem, found = linear.problem, []
+    knots, hats = basis(values)
+    off, first = not problem.prior.free and knots.size <= MOST_LEVELS, 1
+    if name == TIME and not problem.prior.free:
+        off, first = True, 0
+    middle = np.zeros((knots.size, 1)) if off else hats.mean(1, keepdims=True)
+    for effect in carriers:
+        slope = slope_of(linear, effect, effect.null)
+        columns = linear.whiten(np.stack([slope * hat for hat in (hats - middle)[first:]]))
+        gradient, normal = linear.beside(columns)
+        normal += 1e-9 * max(float(np.trace(normal)), 1e-300) * np.eye(len(columns))
+        coefficients = -np.linalg.solve(normal, gradient)
+        gain = float(-0.5 * gradient @ coefficients)
+        found.append((gain - COST * coefficients.size, effect, coefficients))
+    score, effect, coefficients = max(found, key=lambda item: item[0])
+    sizes = np.concatenate([np.zeros(first), coefficients])
+    curve = Curve(name, of, effect.id, knots, sizes - float(sizes @ middle[:, 0]))
+    along = problem.over_columns(np.interp(values, curve.knots, curve.values))
+    return score, along_channel(curve, effect, along), curve
 
 
 def _fitted(
@@ -85,7 +105,7 @@ def _fitted(
 def along_channel(curve: Curve, carrier: Effect, shape: Array) -> Effect:
     """Return the effect whose size follows a curve over a channel, column by column; its parameter is the multiple of the curve."""
     drive = f"drives on which channel {curve.channel} changes independently of the other channels"
-    follows = following(f"channel:{curve.channel}", carrier, lambda *_: shape, 0.2, 5.0)
+    follows = following(f"{CHANNEL}{curve.channel}", carrier, lambda *_: shape, 0.2, 5.0)
     return replace(follows, drive=drive, known_as=shape_of(carrier, Factor(curve.channel, curve.of)))
 
 

@@ -23,6 +23,7 @@ from lpvobs.errors import DataError
 from lpvobs.records import Array, Log
 
 PREFIX = "form:"
+CHANNEL = "channel:"
 TIME = "time"
 NAME = re.compile(r"[A-Za-z_][\w.]*")  # channels with other names take no part: a formula must be readable
 FACTOR = re.compile(
@@ -177,12 +178,15 @@ def cause_of(id_: str) -> tuple[str, frozenset[str]]:
 
 
 def share_a_signal(ids: Sequence[str]) -> bool:
-    """Return whether there is a channel that all forms of one target among some identifiers follow, if they follow any."""
-    followed: dict[str, list[set[str]]] = {}
+    """Return whether there is a channel that all forms of one target among some identifiers follow, if they follow any.
+
+    Curves over a channel are those of the sensor. The time is no channel: a form that follows nothing else has no known cause.
+    """
+    followed = {SENSOR: [{id_.removeprefix(CHANNEL)} for id_ in ids if id_.startswith(CHANNEL)]}
     for target, signals in (cause_of(id_) for id_ in ids if id_.startswith(PREFIX)):
         if signals:
-            followed.setdefault(target, []).append({name for each in signals for name in each.split("/")})
-    return all(set.intersection(*each) for each in followed.values())
+            followed.setdefault(target, []).append({name for each in signals for name in each.split("/")} - {TIME})
+    return all(set.intersection(*each) for each in followed.values() if each)
 
 
 def without_variants(ids: Sequence[str]) -> list[str]:

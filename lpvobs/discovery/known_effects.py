@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from lpvobs.discovery.courses import GRADED, Curve, FactorSurface, TracedCourse, on_course
 from lpvobs.discovery.curves import along_channel, driven_by, rate_of
-from lpvobs.discovery.forms import PREFIX, Form, along_log, channel_on, parsed
+from lpvobs.discovery.forms import CHANNEL, PREFIX, Form, along_log, channel_on, parsed
 from lpvobs.discovery.places import starts
 from lpvobs.discovery.residual import Problem, Term
 from lpvobs.discovery.thresholds import MOST_LEVELS, SPACING, WIDEST
@@ -201,7 +201,7 @@ def channel_at(log: Log, curve: Curve | Form, time: Array) -> Array:
         return along_log(curve, log, time)
     if not np.isfinite(log.auxiliary.get(curve.channel, 0.0)).any():  # the channel is there, and nothing is known of it
         return np.zeros(time.size)
-    recorded = channel_on(log, curve.channel, f"channel:{curve.channel}")
+    recorded = channel_on(log, curve.channel, f"{CHANNEL}{curve.channel}")
     if curve.of == "value":
         return np.asarray(np.interp(time, log.time, recorded))
     grid = np.arange(log.time[0], log.time[-1] + SPACING, SPACING)

@@ -145,7 +145,20 @@ def _may_be_named(candidate: Candidate, problem: Problem) -> bool:
 def is_small(term: Term, problem: Problem) -> bool:
     """Return whether a listed effect is too small for a fault, where healthy drives tell: what others leave may look like it."""
     listed = len(problem.patterns) > 0 and not term.effect.id.startswith(PREFIX)
-    return listed and abs(term.size - term.effect.null) < thresholds.SLIGHT * term.effect.size
+    return listed and abs(term.size - term.effect.null) < thresholds.SLIGHT * _noticeable(term.effect, problem)
+
+
+def _noticeable(effect: Effect, problem: Problem) -> float:
+    """Return the size that one notices; a drift is noticed where it has grown to a gain that one notices, too."""
+    if effect.parameter != "rate":
+        return effect.size
+    gains = [e.size for e in problem.catalogue if e.id == effect.id.replace(".drift", ".gain")]
+    return min([effect.size, *(size / float(np.ptp(problem.time)) for size in gains)])
+
+
+def is_remnant(term: Term, problem: Problem) -> bool:
+    """Return whether an effect beside others is what these leave: too small for a fault, and no constants that have changed."""
+    return is_small(term, problem) and not is_slight(term, problem)
 
 
 def is_slight(term: Term, problem: Problem) -> bool:

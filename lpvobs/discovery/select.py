@@ -9,12 +9,21 @@ from typing import Any
 import numpy as np
 
 from lpvobs.discovery import thresholds
-from lpvobs.discovery.companions import is_remainder, predicts_better, pruned, same_place_again, separate_in_time
+from lpvobs.discovery.companions import (
+    clear,
+    is_another_episode,
+    is_remainder,
+    is_slow,
+    predicts_better,
+    pruned,
+    same_place_again,
+    separate_in_time,
+)
 from lpvobs.discovery.course_choice import comes_and_goes, on_courses, sharpened, timed_again
 from lpvobs.discovery.evidence import Candidate, dated_again, fit_candidate
 from lpvobs.discovery.fit import fit, objective, refit, standard_errors, with_term, without
 from lpvobs.discovery.form_search import beside_forms, best_forms
-from lpvobs.discovery.forms import PREFIX, parsed, share_a_signal
+from lpvobs.discovery.forms import CHANNEL, PREFIX, parsed, share_a_signal
 from lpvobs.discovery.held_out import Losses, compare, cross_validated
 from lpvobs.discovery.inside import settled
 from lpvobs.discovery.joint_choice import Accepted, at_its_end, choose_again, choose_all_again, finished, is_below_none
@@ -25,6 +34,7 @@ from lpvobs.discovery.ranking import (
     drives_needed,
     is_proven,
     is_relevant,
+    is_remnant,
     is_slight,
     is_small,
     is_uneven,
@@ -86,12 +96,12 @@ def select(problem: Problem, progress: Callable[[float], None] = lambda _: None)
     unnamed = "none" if learned and nothing >= thresholds.SIGNIFICANT else "unexplained"
     if learned and search.verdict != "effect":
         search = replace(search, verdict=unnamed)
-    rivals = _rival_forms(search, once)
+    rivals, search = _rival_forms(search, once), _unless_slow(search)
     if search.verdict == "unexplained" or rivals.best is not None:
         leader = rivals.best if rivals.clearly and nothing < thresholds.SIGNIFICANT else None
         search = _with_forms(problem, progress, once, search, leader)
     progress(0.95)
-    final = _with_all(search.linear)
+    final, search = _sized(search)
     bare = _bare(final)
     effects = _finished(final, bare, search, rivals.as_good if search.accepted is named else ())
     if _has_slight(final) or not all(_says_something(effect) for effect in effects):  # once all data tell
@@ -134,7 +144,7 @@ def _each_once(found: Sequence[Candidate]) -> tuple[Candidate, ...]:
 def _rival_forms(search: _Search, once: Once) -> _Rivals:
     """Return the formulas of the first round that rival what a search has named."""
     listed, learned = search.accepted, len(search.first.problem.patterns) > 0
-    channels = [i for i, c in enumerate(listed) if c.id.startswith("channel:")]  # have as free a shape as a formula has
+    channels = [i for i, c in enumerate(listed) if c.id.startswith(CHANNEL)]  # have as free a shape as a formula has
     if channels:
         return _in_place_of(search.linear, listed, channels) if learned else _Rivals()
     rivals = _forms_of(search, once)[: thresholds.SHORTLIST] if listed else ()
@@ -146,9 +156,9 @@ def _rival_forms(search: _Search, once: Once) -> _Rivals:
         most = left * (thresholds.FORM_OVER_ONE if len(listed) == 1 else thresholds.FORM_OVER_MORE)
         return _Rivals(best if min(each) < most else None)
     as_good = _as_good(rivals, each, left) if len(listed) == 1 else ()
-    clear = _clear(objective(_bare(search.linear)) - left)
+    more = clear(objective(_bare(search.linear)) - left)
     most = left + (len(listed) - 2) * thresholds.FORM_CLEAR
-    return _Rivals(best if min(each) < most else None, min(each) < left - clear, as_good)
+    return _Rivals(best if min(each) < most else None, min(each) < left - more, as_good)
 
 
 def _in_place_of(linear: Linear, listed: Sequence[Candidate], channels: Sequence[int]) -> _Rivals:
@@ -158,14 +168,9 @@ def _in_place_of(linear: Linear, listed: Sequence[Candidate], channels: Sequence
         bare = without(linear, i)
         gain = objective(bare) - left
         for form in best_forms(bare, [replace(listed[i], gain=gain)]):
-            if left - objective(refit(bare, [*bare.terms, form.term])) > _clear(gain):
+            if left - objective(refit(bare, [*bare.terms, form.term])) > clear(gain):
                 return _Rivals(form, clearly=True)
     return _Rivals()
-
-
-def _clear(gain: float) -> float:
-    """Return what a formula gains more than a name where the difference is clear; no cause has quite the catalogue's shape."""
-    return max(thresholds.FORM_CLEAR, thresholds.SHAPE**2 * gain)
 
 
 def _as_good(forms: Sequence[Candidate], each: Sequence[float], left: float) -> tuple[Effect, ...]:
@@ -189,10 +194,11 @@ def _with_forms(
     `leader` is a formula that explains clearly more than what was named. The search begins with it. Where it does not end with
     formulas that are few enough, share a signal and take off enough, nothing is named.
     """
-    wider = _search(problem, progress, once, with_forms=True, leader=leader)
+    wider = _unless_slow(_search(problem, progress, once, with_forms=True, leader=leader))
     few = len(wider.accepted) <= (len(search.accepted) or 3)
     form = few and any(c.id.startswith(PREFIX) for c in wider.accepted)
-    if form and share_a_signal([c.id for c in wider.accepted]) and _leaves_less(wider.linear):
+    of_sensor = [c.id for c in wider.accepted if not c.id.startswith(CHANNEL) or c.term.effect.place == "sensor"]
+    if form and share_a_signal(of_sensor) and _leaves_less(wider.linear):
         rivals = tuple(c.term.effect for c in wider.ranking if c.id.startswith(PREFIX))
         return replace(wider, ranking=search.ranking, forms=rivals)
     way = wider.accepted or wider.on_the_way
@@ -247,17 +253,26 @@ def _search(
         # What is too small for a fault takes no name away from those before it.
         if longer is None or (accepted and is_small(longer[0].terms[-1], problem)):
             break
-        linear, accepted = longer
-    needed, linear = pruned(linear, accepted)
+        (linear, accepted), found = longer, ()
+    rest, (needed, linear) = [c for c in found if is_proven(c, linear)], pruned(linear, accepted)
+    learned = len(problem.patterns) > 0
     uneven = any(is_uneven(c, problem) for c in needed)
     goes = any(t.course is None and comes_and_goes(linear, i) for i, t in enumerate(linear.terms))
     apart = any(separate_in_time(a.term, b.term) for a, b in combinations(needed, 2))
-    learned = needed and len(problem.patterns) > 0  # names then have not quite the shape of a cause
-    shaped = objective(_bare(linear)) - objective(linear) if learned else 0.0
+    apart = apart or (learned and any(is_another_episode(c, needed) for c in rest))
+    # where healthy drives tell, names have not quite the shape of a cause
+    shaped = objective(_bare(linear)) - objective(linear) if learned and needed else 0.0
     varies = structure(linear) >= thresholds.MOST_STRUCTURE * (0.5 * problem.data + shaped)
     if uneven or goes or apart or varies or _has_slight(linear) or any(at_its_end(term) for term in linear.terms):
         return _Search("unexplained", [], before, before, ranking, needed)
     return _Search("effect" if needed else "none", needed, linear, before, ranking)
+
+
+def _unless_slow(search: _Search) -> _Search:
+    """Return a search, without its names where the sensor's error is slow and has another cause."""
+    if search.verdict != "effect" or not is_slow(search.linear):
+        return search
+    return _Search("unexplained", [], search.first, search.first, search.ranking, search.accepted)
 
 
 def _has_slight(linear: Linear) -> bool:
@@ -291,6 +306,19 @@ def _with_one_more(
 def _bare(linear: Linear) -> Linear:
     """Return the model without effects, its weights those with them."""
     return refit(linear, ()) if linear.terms else linear
+
+
+def _sized(search: _Search) -> tuple[Linear, _Search]:
+    """Return the model fitted to all data, and the search without what is too small for a fault once all data tell."""
+    final = _with_all(search.linear)
+    small = [i for i, term in enumerate(final.terms) if is_remnant(term, final.problem)]
+    if not small or len(final.terms) == 1:
+        return final, search
+    accepted, terms = list(search.accepted), list(search.linear.terms)
+    weakest = min(small, key=lambda i: accepted[i].gain)
+    del accepted[weakest], terms[weakest]
+    linear = fit(search.linear.problem, terms, start=search.linear)
+    return _sized(replace(search, accepted=accepted, linear=linear))
 
 
 def _with_all(linear: Linear) -> Linear:

@@ -204,7 +204,7 @@ def on_the_reading() -> Mapping[str, Effect]:
         Effect("maf.drift", "rate", "1/s", 0.0, 1e-4, -1e-3, 1e-3, place, drift, STEADY, needs=own),
         Effect("maf.temperature", "coefficient", "1/K", 0.0, 1e-3, -0.02, 0.02, place, warmed, ALTITUDE, needs=(SENSOR, "T_amb")),
         Effect(
-            "maf.contamination", "coefficient", "1", 0.0, 0.05, -0.5, 0.5, place, film, STEADY, needs=own, inside=crossing,
+            "maf.contamination", "coefficient", "1", 0.0, 0.05, -0.02, 0.5, place, film, STEADY, needs=own, inside=crossing,
             stays=True,
         ),
     )  # fmt: skip

@@ -164,6 +164,8 @@ def test_an_effect_that_grows_varies_by_what_it_takes_of_what_healthy_drives_see
         ("leak.intake", -1e-6, True),
         ("maf.offset", -1e-3, False),
         ("egr.area", 0.2, False),
+        ("maf.contamination", -0.02, True),  # dirt does not sharpen a film
+        ("maf.contamination", 0.1, False),
         ("maf.temperature", -0.02, True),
         ("maf.temperature", -0.019, False),
     ],

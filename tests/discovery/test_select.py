@@ -16,6 +16,13 @@ from lpvobs.discovery.ranking import FAMILIES, chance, drives_needed, is_proven
 from lpvobs.discovery.thresholds import COST, LEAST_LENGTH, POOLED, SIGNIFICANT, SLIGHT
 
 
+@pytest.fixture(autouse=True)
+def nothing_else(monkeypatch):
+    """Leave out three checks that need more of a model than the tests of a search have; their own tests are elsewhere."""
+    for name in ("is_slow", "is_remnant", "is_another_episode"):
+        monkeypatch.setattr(select, name, lambda *_: False)
+
+
 def asked(gain, told=1.0, candidates=20, blocks=1, begin=-np.inf, uneven=0.0, size=1.0, most=12, **seeming):
     """Return a candidate, and the problem where so many effects compete and healthy drives tell."""
     problem = Asked(Seeming(most=most, **seeming), (1,), 1000.0, (None,) * candidates)
@@ -151,6 +158,8 @@ def test_a_formula_rivals_what_is_named_where_it_explains_enough(monkeypatch, na
         ({"curve": "a curve"}, (1,), True, True),
         ({"id": "form:W_maf ~ W_maf * humidity"}, (1,), False, False),
         ({"parameter": "rate"}, (1,), False, True),
+        ({"id": "maf.drift", "parameter": "rate", "size": 1.0 + 0.99 * SLIGHT * 0.005}, (1,), False, True),
+        ({"id": "maf.drift", "parameter": "rate"}, (1,), False, False),  # in ten seconds it is a gain of 0.05
     ],
 )
 def test_what_is_half_as_large_as_one_notices_has_no_name(term, patterns, slight, small):
@@ -161,9 +170,11 @@ def test_what_is_half_as_large_as_one_notices_has_no_name(term, patterns, slight
     lag = SimpleNamespace(id="maf.lag", parameter="tau", null=0.0, size=0.03)
     large = SimpleNamespace(size=0.07, curve=None, course=None, whole=True, effect=lag)
     terms = (large, SimpleNamespace(effect=effect, **usual))
-    problem = SimpleNamespace(patterns=patterns)
+    gain = SimpleNamespace(id="maf.gain", size=0.05)
+    problem = SimpleNamespace(patterns=patterns, catalogue=(gain,), time=np.array([0.0, 10.0]))
     assert select._has_slight(SimpleNamespace(terms=terms, problem=problem)) == slight
     assert ranking.is_small(terms[1], problem) == small
+    assert ranking.is_remnant(terms[1], problem) == (small and not slight)
 
 
 @pytest.mark.parametrize(("gain", "expected"), [(40.0, 1e-9), (15.0, 0.05)])
@@ -225,6 +236,39 @@ def test_a_formula_with_many_rivals_of_other_signals_says_nothing(named, rivals,
 def test_formulas_of_one_reading_have_a_signal_in_common(forms, alike):
     """Damp and warm air was a formula of the humidity and one of the valve: neither described it, both together hid it."""
     assert share_a_signal(["egr.leak", *(f"form:{form}" for form in forms)]) == alike
+
+
+@pytest.mark.parametrize(
+    ("channel", "form", "alike"),
+    [
+        ("humidity", "W_maf ~ W_maf * (humidity - 30 %)", True),
+        ("humidity", "W_maf ~ W_maf * u_egr", False),
+        ("humidity", "T_im ~ u_egr", True),  # two readings that are wrong
+        ("humidity", None, True),
+        (None, "W_maf ~ W_maf * time", False),  # the time is no cause
+        (None, "W_maf ~ W_maf * time * (humidity - 30 %)", True),
+    ],
+)
+def test_a_curve_over_a_channel_has_a_signal_in_common_with_formulas_and_the_time_is_none(channel, form, alike):
+    """A housing that warmed up was a formula of the time squared beside a curve over the coolant's temperature."""
+    ids = [f"channel:{channel}"] * bool(channel) + [f"form:{form}"] * bool(form)
+    assert share_a_signal(ids) == alike
+
+
+@pytest.mark.parametrize(("small", "kept"), [({"b"}, "ac"), ({"b", "c"}, "a"), (set(), "abc"), ({"a", "b", "c"}, "a")])
+def test_what_all_data_show_to_be_too_small_for_a_fault_does_not_stand_beside_one(monkeypatch, small, kept):
+    """Beside a film stood a drift of 2e-5 1/s, which with the stretches that were kept was 5e-5 1/s."""
+
+    def fitted(problem, terms, start=None):
+        return SimpleNamespace(problem=problem, terms=tuple(terms))
+
+    monkeypatch.setattr(select, "_with_all", lambda linear: linear)
+    monkeypatch.setattr(select, "is_remnant", lambda term, _: term in small)
+    monkeypatch.setattr(select, "fit", fitted)
+    accepted = [SimpleNamespace(id=name, gain=gain) for name, gain in (("a", 9.0), ("b", 1.0), ("c", 3.0))]
+    search = select._Search("effect", accepted, fitted(None, "abc"), fitted(None, ""), ())
+    final, left = select._sized(search)
+    assert "".join(final.terms) == "".join(left.linear.terms) == "".join(c.id for c in left.accepted) == kept
 
 
 @pytest.mark.parametrize(
@@ -522,3 +566,42 @@ def test_beside_a_fault_a_constant_that_has_changed_takes_no_name_away(monkeypat
     monkeypatch.setattr(select, "pruned", lambda linear, accepted: (accepted, linear))
     found = select._search(problem, lambda _: None, lambda work, *on: work(*on))
     assert (found.verdict, [c.id for c in found.accepted or found.on_the_way]) == (verdict, named)
+
+
+@pytest.mark.parametrize(("slow", "verdict"), [(True, "unexplained"), (False, "effect")])
+def test_a_slow_error_of_another_cause_has_no_name_but_stays_a_candidate(monkeypatch, slow, verdict):
+    monkeypatch.setattr(select, "is_slow", lambda _: slow)
+    found = select._unless_slow(select._Search("effect", ["maf.drift"], "after", "before", ()))
+    assert (found.verdict, found.linear) == (verdict, "before" if slow else "after")
+    assert found.on_the_way == (["maf.drift"] if slow else ())
+
+
+@pytest.mark.parametrize(
+    ("patterns", "episode", "verdict"), [((1,), True, "unexplained"), ((1,), False, "effect"), ((), True, "effect")]
+)
+def test_what_is_left_of_a_name_at_another_time_takes_it_away_where_healthy_drives_tell(
+    monkeypatch, patterns, episode, verdict
+):
+    named = SimpleNamespace(id="egr.area", term=None)
+    linear = SimpleNamespace(terms=(SimpleNamespace(course=None),), problem=SimpleNamespace(patterns=patterns))
+    for name, value in (
+        ("fit", SimpleNamespace(terms=())),
+        ("best_of", (named,)),
+        ("is_proven", True),
+        ("is_relevant", True),
+        ("is_uneven", False),
+        ("is_small", False),
+        ("same_place_again", False),
+        ("comes_and_goes", False),
+        ("at_its_end", False),
+        ("_with_one_more", (linear, (named,))),
+        ("_has_slight", False),
+        ("is_another_episode", episode),
+        ("structure", 0.0),
+        ("_bare", None),
+        ("objective", 0.0),
+    ):
+        monkeypatch.setattr(select, name, lambda *_, value=value: value)
+    monkeypatch.setattr(select, "pruned", lambda linear, accepted: (accepted, linear))
+    problem = SimpleNamespace(patterns=patterns, data=1000.0)
+    assert select._search(problem, lambda _: None, lambda work, *on: work(*on)).verdict == verdict
