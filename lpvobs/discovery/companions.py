@@ -100,20 +100,23 @@ def clear(gain: float) -> float:
     return max(thresholds.FORM_CLEAR, thresholds.SHAPE**2 * gain)
 
 
-def is_slow(linear: Linear) -> bool:
-    """Return whether a curve over the time explains clearly more than what is named of the sensor: its error has another cause.
+def has_other_cause(linear: Linear) -> bool:
+    """Return whether what is named of the sensor, where healthy drives tell, describes an error that has another cause.
 
-    A curve over a channel has no cause of its own. One that the time explains about as well is any slow channel's.
+    A curve over the time explains clearly more than the names. Or a curve over a channel, which has the shape that the error has,
+    explains hardly more than one over the time, and is any slow channel's, or leaves room for a further error of the reading.
     """
     named = [term.effect for term in linear.terms if term.effect.place == "sensor"]
     if not (named and len(linear.problem.patterns)):
         return False
+    channels = [effect.id for effect in named if effect.id.startswith(CHANNEL)]
+    further = [effect for effect in named if not (effect.late or effect.id.startswith((CHANNEL, PREFIX)))]
+    if len(channels) > 1 or (channels and further):
+        return True
     bare = refit(linear, [term for term in linear.terms if term.effect.place != "sensor"])
     left, without_any = objective(linear), objective(bare)
     ahead = left - objective(refit(bare, [*bare.terms, over_time(bare).term]))
-    if any(effect.id.startswith(CHANNEL) for effect in named):
-        return ahead > -(thresholds.SHAPE**2) * (without_any - left)
-    return ahead > clear(without_any - left)
+    return ahead > (-(thresholds.SHAPE**2) * (without_any - left) if channels else clear(without_any - left))
 
 
 def is_remainder(candidate: Candidate, accepted: Sequence[Candidate], problem: Problem) -> bool:

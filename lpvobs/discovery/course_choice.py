@@ -56,7 +56,8 @@ def best_course(linear: Linear, bare: Linear, own: Candidate, rivals: Sequence[E
     relays = _relays(bare.problem)
     every = relays + _in_time(bare.problem) + _lagging(bare.problem)
     found: list[Candidate] = []
-    if _may_come_and_go(own, bare.problem):
+    uneven = own.own_sizes > thresholds.COST + penalty(2, 1, own.gain)  # what two further instants cost
+    if uneven and may_have_episodes(own.term.effect, bare.problem):
         intervals = _comes_and_goes(linear, len(linear.terms) - 1)
         found = [fit_course(bare, own.term.effect, course) for course in intervals]
     for effect in with_courses([own.term.effect, *rivals]):
@@ -74,14 +75,13 @@ def best_course(linear: Linear, bare: Linear, own: Candidate, rivals: Sequence[E
     return best
 
 
-def _may_come_and_go(own: Candidate, problem: Problem) -> bool:
-    """Return whether an effect may be on a course, and sizes of its own by block gain what two further instants cost.
+def may_have_episodes(effect: Effect, problem: Problem) -> bool:
+    """Return whether an effect may come and go.
 
-    A reading of the flow that comes and goes may be any disturbance. Without a cause in the log it has no name, except where
-    healthy drives tell how the engine's own errors look.
+    A reading of the flow that does may be any disturbance. Without a cause in the log it has no name, except where healthy drives
+    tell how the engine's own errors look.
     """
-    named = own.term.effect.place != "sensor" or len(problem.patterns) > 0
-    return named and bool(with_courses([own.term.effect])) and own.own_sizes > thresholds.COST + penalty(2, 1, own.gain)
+    return bool(with_courses([effect])) and (effect.place != "sensor" or len(problem.patterns) > 0)
 
 
 def is_worth(course: Candidate, own: Candidate) -> bool:
@@ -126,11 +126,11 @@ def with_courses(effects: Iterable[Effect]) -> list[Effect]:
     return [e for e in effects if not (e.id.startswith(PREFIX) or e.id.endswith(".drift") or e.stays)]
 
 
-def timed_again(linear: Linear, index: int) -> Term:
-    """Return an effect that comes and goes with the intervals that all data show beside the whole model."""
-    term, bare = linear.terms[index], without(linear, index)
-    found = [fit_course(bare, term.effect, course) for course in _comes_and_goes(linear, index)]
-    return max(found, key=score).term if found else term
+def timed_again(linear: Linear, index: int) -> Candidate | None:
+    """Return an effect that comes and goes with the intervals that all data show beside the whole model, if there are several."""
+    bare = without(linear, index)
+    found = (fit_course(bare, linear.terms[index].effect, course) for course in _comes_and_goes(linear, index))
+    return max(found, key=score, default=None)
 
 
 def fit_course(bare: Linear, effect: Effect, course: TracedCourse) -> Candidate:

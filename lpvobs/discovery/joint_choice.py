@@ -13,6 +13,7 @@ from lpvobs.discovery.course_choice import (
     finer,
     fit_course,
     is_worth,
+    may_have_episodes,
     sharpened,
     timed_again,
     with_courses,
@@ -30,14 +31,14 @@ from lpvobs.discovery.evidence import (
     with_best_interval,
 )
 from lpvobs.discovery.fit import fit, objective, refit, with_term, without
-from lpvobs.discovery.forms import cause_of, without_variants
+from lpvobs.discovery.forms import PREFIX, cause_of, share_a_signal, without_variants
 from lpvobs.discovery.inside import Number, with_inside
 from lpvobs.discovery.known_effects import NINETY
 from lpvobs.discovery.linear import Linear, changed_by, dot
 from lpvobs.discovery.ranking import chance, is_proven, rank, rank_in
 from lpvobs.discovery.residual import Problem, Term
 from lpvobs.discovery.sizes import slope_of
-from lpvobs.discovery.thresholds import CLOSE, HALF_WIDTH, ONE_SIDED, PASSES, SHAPE, SHORTLIST, TIE
+from lpvobs.discovery.thresholds import CLOSE, FORM_ALIKE, HALF_WIDTH, ONE_SIDED, PASSES, SHAPE, SHORTLIST, TIE
 from lpvobs.engines.effects import Effect
 
 
@@ -96,11 +97,30 @@ def _course_again(linear: Linear, found: Candidate) -> tuple[Candidate, Linear]:
     bare, nearer = without(linear, newest), found
     if course is None or not course.intervals:
         nearer = finer(bare, found)
-    elif (again := timed_again(linear, newest).course) not in (None, course):
-        nearer = fit_course(bare, found.term.effect, again)
+    elif (again := timed_again(linear, newest)) is not None and again.term.course != course:
+        nearer = again
     if nearer.term.course != course:
         linear = fit(linear.problem, [*bare.terms, nearer.term], start=linear)
     return in_place(linear, newest, nearer), linear
+
+
+def in_episodes(
+    linear: Linear, accepted: tuple[Candidate, ...], place: str
+) -> tuple[Linear, tuple[Candidate, ...]] | None:
+    """Return the model with the effect of a place in all its episodes; None where it has none, or has been in them before.
+
+    Without healthy drives, what comes and goes like that may be any disturbance.
+    """
+    if not len(linear.problem.patterns):
+        return None
+    for i, (term, candidate) in enumerate(zip(linear.terms, accepted, strict=True)):
+        if term.effect.place == place and term.course is None and may_have_episodes(term.effect, linear.problem):
+            again, own = timed_again(linear, i), in_place(linear, i, candidate)
+            if again is not None and is_worth(again, own):
+                terms = [*linear.terms[:i], again.term, *linear.terms[i + 1 :]]
+                found = fit(linear.problem, terms, start=linear)
+                return found, (*accepted[:i], in_place(found, i, again), *accepted[i + 1 :])
+    return None
 
 
 def _acting(problem: Problem, effects: Sequence[Effect], term: Term) -> list[Effect]:
@@ -280,6 +300,12 @@ def error_of(linear: Linear, index: int, standard_error: float) -> tuple[float, 
     curve = linear.terms[index].curve
     standard_error, further = with_inside(linear, index, standard_error)
     return float(np.hypot(standard_error, curve.error)) if isinstance(curve, FactorSurface) else standard_error, further
+
+
+def says_something(effect: Accepted) -> bool:
+    """Return whether a formula has a signal in common with its rivals, formulas that explain the logs as well, if they are many."""
+    alike = [id_ for id_ in (effect.candidate.id, *effect.indistinguishable) if id_.startswith(PREFIX)]
+    return effect.candidate.id not in alike or len(alike) < FORM_ALIKE or share_a_signal(alike)
 
 
 def _as_fitted(linear: Linear, bare: Linear, candidate: Candidate) -> Candidate:

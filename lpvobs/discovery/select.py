@@ -11,9 +11,9 @@ import numpy as np
 from lpvobs.discovery import thresholds
 from lpvobs.discovery.companions import (
     clear,
+    has_other_cause,
     is_another_episode,
     is_remainder,
-    is_slow,
     predicts_better,
     pruned,
     same_place_again,
@@ -26,7 +26,16 @@ from lpvobs.discovery.form_search import beside_forms, best_forms
 from lpvobs.discovery.forms import CHANNEL, PREFIX, parsed, share_a_signal
 from lpvobs.discovery.held_out import Losses, compare, cross_validated
 from lpvobs.discovery.inside import settled
-from lpvobs.discovery.joint_choice import Accepted, at_its_end, choose_again, choose_all_again, finished, is_below_none
+from lpvobs.discovery.joint_choice import (
+    Accepted,
+    at_its_end,
+    choose_again,
+    choose_all_again,
+    finished,
+    in_episodes,
+    is_below_none,
+    says_something,
+)
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.ranking import (
     best_of,
@@ -96,7 +105,7 @@ def select(problem: Problem, progress: Callable[[float], None] = lambda _: None)
     unnamed = "none" if learned and nothing >= thresholds.SIGNIFICANT else "unexplained"
     if learned and search.verdict != "effect":
         search = replace(search, verdict=unnamed)
-    rivals, search = _rival_forms(search, once), _unless_slow(search)
+    rivals, search = _rival_forms(search, once), _unless_other_cause(search)
     if search.verdict == "unexplained" or rivals.best is not None:
         leader = rivals.best if rivals.clearly and nothing < thresholds.SIGNIFICANT else None
         search = _with_forms(problem, progress, once, search, leader)
@@ -104,7 +113,7 @@ def select(problem: Problem, progress: Callable[[float], None] = lambda _: None)
     final, search = _sized(search)
     bare = _bare(final)
     effects = _finished(final, bare, search, rivals.as_good if search.accepted is named else ())
-    if _has_slight(final) or not all(_says_something(effect) for effect in effects):  # once all data tell
+    if _has_slight(final) or not all(says_something(effect) for effect in effects):  # once all data tell
         search = _Search(unnamed, [], search.first, search.first, search.ranking, search.accepted)
         final = bare = _with_all(search.linear)
         effects = ()
@@ -125,12 +134,6 @@ def _finished(final: Linear, bare: Linear, search: _Search, as_good: tuple[Effec
         finished(final, bare if alone else without(final, i), i, c, float(errors[i]), rivals[i])
         for i, c in enumerate(search.accepted)
     )
-
-
-def _says_something(effect: Accepted) -> bool:
-    """Return whether a formula has a signal in common with its rivals, formulas that explain the logs as well, if they are many."""
-    alike = [id_ for id_ in (effect.candidate.id, *effect.indistinguishable) if id_.startswith(PREFIX)]
-    return effect.candidate.id not in alike or len(alike) < thresholds.FORM_ALIKE or share_a_signal(alike)
 
 
 def _each_once(found: Sequence[Candidate]) -> tuple[Candidate, ...]:
@@ -194,7 +197,7 @@ def _with_forms(
     `leader` is a formula that explains clearly more than what was named. The search begins with it. Where it does not end with
     formulas that are few enough, share a signal and take off enough, nothing is named.
     """
-    wider = _unless_slow(_search(problem, progress, once, with_forms=True, leader=leader))
+    wider = _unless_other_cause(_search(problem, progress, once, with_forms=True, leader=leader))
     few = len(wider.accepted) <= (len(search.accepted) or 3)
     form = few and any(c.id.startswith(PREFIX) for c in wider.accepted)
     of_sensor = [c.id for c in wider.accepted if not c.id.startswith(CHANNEL) or c.term.effect.place == "sensor"]
@@ -246,7 +249,11 @@ def _search(
         again = [c for c in (found[0], best) if counts(c, linear) and same_place_again(c, accepted, problem)]
         # One that is less than none all along cannot be: it stands for what the named one leaves.
         if not all(is_below_none(c.term) and c.term.whole for c in again):
-            return _Search("unexplained", [], before, before, ranking, accepted)
+            episodes = once(in_episodes, linear, accepted, again[0].term.effect.place)
+            if episodes is None:
+                return _Search("unexplained", [], before, before, ranking, accepted)
+            (linear, accepted), found = episodes, ()
+            continue
         if not is_proven(best, linear) or best.id in named:
             break
         longer = once(_with_one_more, linear, best, accepted)
@@ -268,9 +275,9 @@ def _search(
     return _Search("effect" if needed else "none", needed, linear, before, ranking)
 
 
-def _unless_slow(search: _Search) -> _Search:
-    """Return a search, without its names where the sensor's error is slow and has another cause."""
-    if search.verdict != "effect" or not is_slow(search.linear):
+def _unless_other_cause(search: _Search) -> _Search:
+    """Return a search, without its names where the sensor's error has another cause."""
+    if search.verdict != "effect" or not has_other_cause(search.linear):
         return search
     return _Search("unexplained", [], search.first, search.first, search.ranking, search.accepted)
 
@@ -327,7 +334,8 @@ def _with_all(linear: Linear) -> Linear:
     final = fit(problem, linear.terms, passes=2, start=linear)
     for i, term in enumerate(final.terms):
         if term.course is not None and term.course.intervals:
-            final = _with_term(final, i, timed_again(final, i))
+            again = timed_again(final, i)
+            final = _with_term(final, i, again.term if again else term)
         if not term.whole:
             final = _with_term(final, i, dated_again(without(final, i), term))
             final = _with_term(final, i, sharpened(final, i))

@@ -298,12 +298,12 @@ def test_an_error_of_the_sensor_that_the_time_explains_has_another_cause(
         return (by_time if "time" in at_sensor else 100.0) if at_sensor else 200.0
 
     place = "intake" if named.startswith("leak") else "sensor"
-    terms = [SimpleNamespace(effect=SimpleNamespace(id=named, place=place))]
-    terms += [SimpleNamespace(effect=SimpleNamespace(id=other, place="intake")) for other in beside]
+    terms = [SimpleNamespace(effect=SimpleNamespace(id=named, place=place, late=False))]
+    terms += [SimpleNamespace(effect=SimpleNamespace(id=other, place="intake", late=False)) for other in beside]
     monkeypatch.setattr(companions, "over_time", lambda _: SimpleNamespace(term="time"))
     monkeypatch.setattr(companions, "refit", lambda linear, terms: model(terms, linear.problem))
     monkeypatch.setattr(companions, "objective", left)
-    assert companions.is_slow(model(terms, SimpleNamespace(patterns=patterns))) == slow
+    assert companions.has_other_cause(model(terms, SimpleNamespace(patterns=patterns))) == slow
 
 
 @pytest.mark.parametrize("level", [0.0, 0.04])
@@ -314,3 +314,28 @@ def test_a_curve_over_the_time_has_a_level_where_the_map_is_frozen(fitted, clean
     assert slow.term.effect.place == "sensor"
     plain = fit_candidate(linear, linear.problem.model.effect("maf.gain")).gain
     assert slow.gain > max(1.2 * plain, 100.0)
+
+
+@pytest.mark.parametrize(
+    ("further", "late", "other"),
+    [
+        ("channel:p_baro", False, True),
+        ("maf.gain", False, True),
+        ("maf.lag", True, False),
+        (
+            "form:W_maf ~ W_maf * (T_coolant - 300 K)",
+            False,
+            False,
+        ),  # they must have a signal in common, or are not accepted
+    ],
+)
+def test_a_curve_over_a_channel_leaves_no_room_for_another_error_of_the_reading(monkeypatch, further, late, other):
+    """Damp air was a curve over the coolant's temperature and one over the barometer, a shaken sensor one over the charge's."""
+    both = (("channel:T_coolant", False), (further, late))
+    effects = [SimpleNamespace(id=id_, place="sensor", late=is_late) for id_, is_late in both]
+    terms = tuple(SimpleNamespace(effect=effect) for effect in effects)
+    monkeypatch.setattr(companions, "over_time", lambda _: SimpleNamespace(term=None))
+    monkeypatch.setattr(companions, "refit", lambda linear, terms: SimpleNamespace(terms=tuple(terms)))
+    monkeypatch.setattr(companions, "objective", lambda linear: 100.0 if linear.terms == terms else 200.0)
+    linear = SimpleNamespace(terms=terms, problem=SimpleNamespace(patterns=(1,)))
+    assert companions.has_other_cause(linear) == other

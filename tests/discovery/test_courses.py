@@ -141,29 +141,34 @@ def chosen(monkeypatch):
     return of
 
 
+@pytest.mark.parametrize(("own_sizes", "sought"), [(27.0, False), (29.0, True), (-20.0, False)])
+def test_what_has_one_size_in_all_blocks_does_not_come_and_go(monkeypatch, own_sizes, sought):
+    """A size for every block of an intake pressure gained 89 of 5645, and a fifth of the search went into its episodes."""
+    calls = []
+    monkeypatch.setattr(course_choice, "_comes_and_goes", lambda *on: calls.append(on) or ())
+    for name in ("_relays", "_in_time", "_lagging"):
+        monkeypatch.setattr(course_choice, name, lambda _: Bank((), np.zeros((0, 1))))
+    monkeypatch.setattr(course_choice, "_promising", lambda *_: ())
+    term = Term(SimpleNamespace(id="leak.intake", place="intake", unusual=False, stays=False), 0.0)
+    own = Candidate(term, 1000.0, 1.0, 1.0, np.zeros(100), 1.0, False, 1.0, own_sizes)
+    linear = SimpleNamespace(terms=(term,))
+    assert course_choice.best_course(linear, SimpleNamespace(problem=None), own, []) is own
+    assert bool(calls) == sought  # a price of 8, and for each of two instants 0.01 of the gain
+
+
 @pytest.mark.parametrize(
-    ("own", "id_", "patterns", "may"),
+    ("id_", "patterns", "may"),
     [
-        (27.0, "leak.intake", (), False),
-        (29.0, "leak.intake", (), True),
-        (29.0, "maf.gain", (), False),
-        (29.0, "maf.gain", (1,), True),
-        (29.0, "maf.drift", (1,), False),
-        (-20.0, "leak.intake", (1,), False),
+        ("leak.intake", (), True),
+        ("maf.gain", (), False),  # it may be any disturbance
+        ("maf.gain", (1,), True),
+        ("maf.drift", (1,), False),
     ],
 )
-def test_what_has_one_size_in_all_blocks_does_not_come_and_go(own, id_, patterns, may):
-    """A size for every block of an intake pressure gained 89 of 5645, and a fifth of the search went into its episodes.
-
-    Where healthy drives tell, a reading comes and goes as anything else: 7 % too much in two episodes was `unexplained`.
-    """
-    place = "sensor" if id_.startswith("maf") else "intake"
-    term = Term(SimpleNamespace(id=id_, place=place, unusual=False, stays=False), 0.0)
-    candidate = Candidate(term, 1000.0, 1.0, 1.0, np.zeros(100), 1.0, False, 1.0, own)
-    problem = SimpleNamespace(patterns=patterns)
-    assert (
-        course_choice._may_come_and_go(candidate, problem) == may
-    )  # a price of 8, and for each of two instants 0.01 of the gain
+def test_where_healthy_drives_tell_a_reading_comes_and_goes_as_anything_else(id_, patterns, may):
+    """7 % too much in two episodes was `unexplained`."""
+    effect = SimpleNamespace(id=id_, place="sensor" if id_.startswith("maf") else "intake", stays=False)
+    assert course_choice.may_have_episodes(effect, SimpleNamespace(patterns=patterns)) == may
 
 
 def test_a_formula_is_on_no_course_nor_does_a_film_come_and_go():

@@ -160,7 +160,7 @@ def test_episodes_are_found_though_the_errors_of_a_healthy_engine_could_explain_
     on = ((t > 40.0) & (t < 80.0)) | ((t > 120.0) & (t < 150.0)) | ((t > 210.0) & (t < 260.0))
     gain = next(effect for effect in plant.catalogue if effect.id == "maf.gain")
     problem = healthy.taken_off(lay_out(plant, config.grid(), prior, [other(2, np.where(on, 1.08, 1.0))]))
-    intervals = timed_again(fit(problem, [Term(gain, 1.08, 120.0, 150.0)]), 0).course.intervals
+    intervals = timed_again(fit(problem, [Term(gain, 1.08, 120.0, 150.0)]), 0).term.course.intervals
     assert len(intervals) == 3
     said = np.any([(t >= a) & (t < b) for a, b in intervals], axis=0)
     assert np.mean(said != on) < 0.11  # of 300 s; the stretches from 140 and from 240 s on are kept back
