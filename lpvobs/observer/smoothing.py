@@ -1,13 +1,8 @@
-"""Zero-phase smoothing with bounded look-ahead: a local quadratic around every sample, and for its rate a local cubic.
+"""Zero-phase smoothing with bounded look-ahead: a local quadratic around every sample.
 
 The scheduling parameters are computed from measured pressures and speeds through a steep compressor curve, so noise inside rho
 biases the map. A symmetric window does not shift signals in time, and each value depends on a bounded stretch of the log, so a
 log read in pieces gives what the whole gives, to the bit.
-
-The slope of a quadratic is too flat in transients, by (omega h)^2 / 18 at the frequency omega: what the manifold stores was 1 % too
-little, and its volume found 1 % too large. With the slope of a cubic, which has 2.3 times the noise, the map's error on ETC fell
-from 1.56 to 1.45 %, on FTP75 from 0.91 to 0.87 % (14 and 10 engines with constants within 1 %). On 8 engines of another structure
-it rose from 0.45 to 0.47 % of the air flow.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -27,16 +22,13 @@ LEAST = 2
 """Samples that a window has on either side at least, if the segment has them; the outermost have hardly any weight."""
 CALM_LEAST = 3
 """The same of the window for those channels: with `LEAST` nothing is smoothed, which at 20 Hz cost 3.5 % where this has 2."""
-CUBE = 0.05
-"""Share of a cube, weighted and squared, that no quadratic has, from which on a window has the slope of a cubic. With two samples
-on either side within the half width it is 0.2 to 0.3. At 20 Hz, where the outermost have hardly any weight, it is 3e-4."""
 ROW = 256  # samples whose windows are computed side by side
 
 
 def smooth(
     time: Array, columns: Array, segments: tuple[tuple[int, int], ...], half_width: float, least: int = LEAST
 ) -> tuple[Array, Array]:
-    """Return values of local quadratic fits with biweight window, and slopes of cubic ones where the window determines these.
+    """Return values and time derivatives of local quadratic fits with biweight window.
 
     Of m signals over time, shapes (m, N) and (N,) [s]; both results have the shape of the signals, in their unit and per second. No
     window reaches across a gap between segments. The half width [s] grows where a window would hold fewer samples than `least`
@@ -45,7 +37,7 @@ def smooth(
     columns = np.ascontiguousarray(columns)
     values, rates = np.empty_like(columns), np.empty_like(columns)
     for start, stop in segments:
-        _fit_locally(time, columns, half_width, least, start, stop, start, stop, values, rates)
+        _local_quadratic(time, columns, half_width, least, start, stop, start, stop, values, rates)
     return values, rates
 
 
@@ -153,7 +145,7 @@ class Held:
         columns = np.stack([self.channels[name][low:high] for name in names])
         values, rates = np.empty((2, len(names), time.size))
         begin, end = start - low, stop - low
-        _fit_locally(time, columns, half_width, least, 0, time.size, begin, end, values, rates)
+        _local_quadratic(time, columns, half_width, least, 0, time.size, begin, end, values, rates)
         return values[:, begin:end], rates[:, begin:end]
 
 
@@ -163,7 +155,7 @@ def _first_within(time: Array, k: int, half_width: float) -> int:
 
 
 @njit(cache=True)
-def _fit_locally(time, columns, half_width, least, low, high, begin, end, values, rates):  # type: ignore[no-untyped-def]
+def _local_quadratic(time, columns, half_width, least, low, high, begin, end, values, rates):  # type: ignore[no-untyped-def]
     """Fill values and rates for the samples from begin to end, of a segment that is known from low to high."""
     # All arrays are contiguous: loops along a row of another layout would not be done several samples at a time.
     if high - low < LEAST + 1:  # too short for a quadratic
@@ -184,7 +176,7 @@ def _row(  # type: ignore[no-untyped-def]
     # The loop over samples is the inner one, which the processor does several at a time. Samples outside a window take part
     # with weight zero, which adds nothing.
     n, before, behind = stop - start, 0, 0
-    back, ahead, scale, moment, fit = np.empty(n), np.empty(n), np.empty(n), np.zeros((7, n)), np.empty((9, n))
+    back, ahead, scale, moment = np.empty(n), np.empty(n), np.empty(n), np.zeros((6, n))
     value_weight, rate_weight = np.empty(n), np.empty(n)
     for k in range(start, stop):
         while time[k] - time[first] >= half_width:
@@ -202,7 +194,6 @@ def _row(  # type: ignore[no-untyped-def]
         there, centre, on = time[one + offset : end + offset], time[one:end], one - start
         b, a, s = back[on:], ahead[on:], scale[on:]
         m0, m1, m2, m3, m4 = moment[0, on:], moment[1, on:], moment[2, on:], moment[3, on:], moment[4, on:]
-        m5, m6 = moment[5, on:], moment[6, on:]
         for k in range(there.size):
             away = there[k] - centre[k]
             tau = away * s[k]
@@ -213,25 +204,28 @@ def _row(  # type: ignore[no-untyped-def]
             m2[k] += w * t2
             m3[k] += w * (t2 * tau)
             m4[k] += w * (t2 * t2)
-            m5[k] += w * (t2 * t2 * tau)
-            m6[k] += w * (t2 * t2 * t2)
-    _coefficients(moment, fit)
+    # The first two rows of the inverse of [[s0, s1, s2], [s1, s2, s3], [s2, s3, s4]] take the place of the moments: the
+    # cofactors, and what they have in common at the end.
+    for k in range(n):
+        s0, s1, s2, s3, s4 = moment[0, k], moment[1, k], moment[2, k], moment[3, k], moment[4, k]
+        r0, r1, r2 = s2 * s4 - s3 * s3, s2 * s3 - s1 * s4, s1 * s3 - s2 * s2
+        moment[0, k], moment[1, k], moment[2, k] = r0, r1, r2
+        moment[3, k], moment[4, k] = s0 * s4 - s2 * s2, s1 * s2 - s0 * s3
+        moment[5, k] = 1.0 / (s0 * r0 + s1 * r1 + s2 * r2)
     values[:, start:stop] = 0.0
     rates[:, start:stop] = 0.0
     for offset in range(before, behind + 1):
         one, end = max(start, low - offset), min(stop, high - offset)
         there, centre, on = time[one + offset : end + offset], time[one:end], one - start
-        b, a, s = back[on:], ahead[on:], scale[on:]
-        c00, c01, c02, c11, c12 = fit[0, on:], fit[1, on:], fit[2, on:], fit[3, on:], fit[4, on:]
-        q0, q1, q2, cube = fit[5, on:], fit[6, on:], fit[7, on:], fit[8, on:]
+        b, a, s, inverse = back[on:], ahead[on:], scale[on:], moment[5, on:]
+        c00, c01, c02, c11, c12 = moment[0, on:], moment[1, on:], moment[2, on:], moment[3, on:], moment[4, on:]
         for k in range(there.size):
             away = there[k] - centre[k]
             tau = away * s[k]
             t2 = tau * tau
-            w = (1.0 - t2) * (1.0 - t2) if (b[k] <= away) & (away <= a[k]) else 0.0
-            beyond = cube[k] * (t2 * tau - q0[k] - q1[k] * tau - q2[k] * t2)
+            w = (1.0 - t2) * (1.0 - t2) * inverse[k] if (b[k] <= away) & (away <= a[k]) else 0.0
             value_weight[k] = w * (c00[k] + c01[k] * tau + c02[k] * t2)
-            rate_weight[k] = w * (c01[k] + c11[k] * tau + c12[k] * t2 + beyond) * s[k]
+            rate_weight[k] = w * (c01[k] + c11[k] * tau + c12[k] * t2) * s[k]
         for c in range(columns.shape[0]):
             signal = columns[c, one + offset : end + offset]
             value, rate = values[c, one:end], rates[c, one:end]
@@ -239,24 +233,6 @@ def _row(  # type: ignore[no-untyped-def]
                 value[k] += value_weight[k] * signal[k]
                 rate[k] += rate_weight[k] * signal[k]
     return first, last
-
-
-@njit(cache=True)
-def _coefficients(moment, fit):  # type: ignore[no-untyped-def]
-    """Fill what the weights of value and rate are made of, (9, n), from the seven weighted moments of the window, (7, n)."""
-    for k in range(moment.shape[1]):
-        s0, s1, s2, s3, s4, s5, s6 = moment[:, k]
-        # the inverse of [[s0, s1, s2], [s1, s2, s3], [s2, s3, s4]], cofactors and what they have in common
-        c00, c01, c02 = s2 * s4 - s3 * s3, s2 * s3 - s1 * s4, s1 * s3 - s2 * s2
-        c11, c12, c22 = s0 * s4 - s2 * s2, s1 * s2 - s0 * s3, s0 * s2 - s1 * s1
-        inverse = 1.0 / (s0 * c00 + s1 * c01 + s2 * c02)
-        # the quadratic nearest to a cube, and what is left of the cube
-        q0 = (c00 * s3 + c01 * s4 + c02 * s5) * inverse
-        q1 = (c01 * s3 + c11 * s4 + c12 * s5) * inverse
-        q2 = (c02 * s3 + c12 * s4 + c22 * s5) * inverse
-        left = s6 - q0 * s3 - q1 * s4 - q2 * s5
-        cube = -q1 / left if left > CUBE * s6 else 0.0
-        fit[:, k] = c00 * inverse, c01 * inverse, c02 * inverse, c11 * inverse, c12 * inverse, q0, q1, q2, cube
 
 
 def roughness(column: Array, segments: tuple[tuple[int, int], ...]) -> Array:
@@ -277,10 +253,7 @@ def kernel(step: float, half_width: float, least: int = LEAST) -> Array:
     side = max(int(half_width / step), least)
     scale = 1.0 / (1.001 * max(half_width, side * step))
     tau = np.arange(-side, side + 1) * step * scale
-    weight, cube = (1.0 - tau**2) ** 2, tau**3
     powers = np.stack([tau**0, tau, tau**2])
-    value, slope, _ = np.linalg.solve((weight * powers) @ powers.T, weight * powers)
-    left = cube - (slope @ cube) * tau  # even samples: a cube is odd, and so is what is nearest to it
-    if weight @ left**2 > CUBE * (weight @ cube**2):
-        slope = slope - (slope @ cube) * weight * left / (weight @ left**2)
-    return np.stack([value, scale * slope])
+    weighted = powers * (1.0 - tau**2) ** 2
+    weights = np.linalg.solve(weighted @ powers.T, weighted)
+    return np.stack([weights[0], scale * weights[1]])
