@@ -61,24 +61,25 @@ def channel_candidates(linear: Linear, most: int = 2) -> list[Candidate]:
 
 def over_time(linear: Linear) -> Candidate:
     """Return the best curve of the sensor over the time of each log: an error that changes slowly, whatever its cause."""
-    at_sensor = [effect for effect in linear.problem.carriers if effect.place == "sensor"]
-    _, effect, curve = _best_curve(linear, TIME, "value", linear.problem.time, at_sensor)
+    problem = linear.problem
+    at_sensor = [effect for effect in problem.carriers if effect.place == "sensor"]
+    # a frozen map does not hold the average of the error
+    _, effect, curve = _best_curve(linear, TIME, "value", problem.time, at_sensor, level=not problem.prior.free)
     return _fitted(linear, effect, curve)
 
 
 def _best_curve(
-    linear: Linear, name: str, of: str, values: Array, carriers: Sequence[Effect]
+    linear: Linear, name: str, of: str, values: Array, carriers: Sequence[Effect], level: bool = False
 ) -> tuple[float, Effect, Curve]:
     """Return what the best curve of any carrier gains less what its coefficients cost, its effect, and the curve.
 
-    A frozen map does not hold the average of an error: a switch has none where it is off, and the time has a level of its own.
+    Its mean is zero, but for a curve with a `level` of its own.
     """
     problem, found = linear.problem, []
     knots, hats = basis(values)
-    off, first = not problem.prior.free and knots.size <= MOST_LEVELS, 1
-    if name == TIME and not problem.prior.free:
-        off, first = True, 0
-    middle = np.zeros((knots.size, 1)) if off else hats.mean(1, keepdims=True)
+    off = not problem.prior.free and knots.size <= MOST_LEVELS  # a frozen map does not hold the average of a switch
+    middle = np.zeros((knots.size, 1)) if level or off else hats.mean(1, keepdims=True)
+    first = 0 if level else 1
     for effect in carriers:
         slope = slope_of(linear, effect, effect.null)
         columns = linear.whiten(np.stack([slope * hat for hat in (hats - middle)[first:]]))

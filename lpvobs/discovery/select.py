@@ -114,7 +114,7 @@ def select(problem: Problem, progress: Callable[[float], None] = lambda _: None)
     bare = _bare(final)
     effects = _finished(final, bare, search, rivals.as_good if search.accepted is named else ())
     if _has_slight(final) or not all(says_something(effect) for effect in effects):  # once all data tell
-        search = _Search(unnamed, [], search.first, search.first, search.ranking, search.accepted)
+        search = _nameless(search, unnamed, search.accepted)
         final = bare = _with_all(search.linear)
         effects = ()
     nothing = min([nothing, *(effect.p_value for effect in effects)])
@@ -206,7 +206,7 @@ def _with_forms(
         return replace(wider, ranking=search.ranking, forms=rivals)
     way = wider.accepted or wider.on_the_way
     if leader is not None and any(c.id.startswith(PREFIX) for c in way):
-        return _Search("unexplained", [], search.first, search.first, search.ranking, (leader, *way))
+        return _nameless(search, "unexplained", (leader, *way))
     return replace(search, on_the_way=way or search.on_the_way) if search.verdict == "unexplained" else search
 
 
@@ -277,9 +277,13 @@ def _search(
 
 def _unless_other_cause(search: _Search) -> _Search:
     """Return a search, without its names where the sensor's error has another cause."""
-    if search.verdict != "effect" or not has_other_cause(search.linear):
-        return search
-    return _Search("unexplained", [], search.first, search.first, search.ranking, search.accepted)
+    other = search.verdict == "effect" and has_other_cause(search.linear)
+    return _nameless(search, "unexplained", search.accepted) if other else search
+
+
+def _nameless(search: _Search, verdict: str, on_the_way: Sequence[Candidate]) -> _Search:
+    """Return a search that names nothing, with what was accepted on its way."""
+    return _Search(verdict, [], search.first, search.first, search.ranking, on_the_way)
 
 
 def _has_slight(linear: Linear) -> bool:
@@ -304,8 +308,7 @@ def _with_one_more(
     problem = linear.problem
     trial = fit(problem, [*linear.terms, best.term], start=linear)
     named, trial = choose_again(trial, best)
-    predicts = predicts_better(linear, trial, named)
-    if not predicts or is_remainder(named, accepted, problem) or at_its_end(named.term):
+    if not predicts_better(linear, trial, named) or is_remainder(named, accepted, problem) or at_its_end(named.term):
         return None
     return choose_all_again(trial, (*accepted, named))
 
@@ -334,8 +337,7 @@ def _with_all(linear: Linear) -> Linear:
     final = fit(problem, linear.terms, passes=2, start=linear)
     for i, term in enumerate(final.terms):
         if term.course is not None and term.course.intervals:
-            again = timed_again(final, i)
-            final = _with_term(final, i, again.term if again else term)
+            final = _with_term(final, i, again.term if (again := timed_again(final, i)) else term)
         if not term.whole:
             final = _with_term(final, i, dated_again(without(final, i), term))
             final = _with_term(final, i, sharpened(final, i))

@@ -23,6 +23,26 @@ def nothing_else(monkeypatch):
         monkeypatch.setattr(select, name, lambda *_: False)
 
 
+@pytest.fixture
+def searched(monkeypatch):
+    """Return a function from a problem, and what the steps of a search return on it, to the search's result.
+
+    Functions stand for themselves, other values are returned whatever is asked.
+    """
+
+    def of(problem, **steps):
+        usual = {"fit": SimpleNamespace(terms=()), "pruned": lambda linear, accepted: (accepted, linear)}
+        usual |= dict.fromkeys(
+            ("is_uneven", "comes_and_goes", "at_its_end", "_has_slight", "is_small", "same_place_again"), False
+        )
+        usual |= {"structure": 0.0, "_bare": None, "objective": 0.0}
+        for name, value in (usual | steps).items():
+            monkeypatch.setattr(select, name, value if callable(value) else lambda *_, value=value: value)
+        return select._search(problem, lambda _: None, lambda work, *on: work(*on))
+
+    return of
+
+
 def asked(gain, told=1.0, candidates=20, blocks=1, begin=-np.inf, uneven=0.0, size=1.0, most=12, **seeming):
     """Return a candidate, and the problem where so many effects compete and healthy drives tell."""
     problem = Asked(Seeming(most=most, **seeming), (1,), 1000.0, (None,) * candidates)
@@ -471,62 +491,35 @@ def test_an_effect_is_judged_by_the_weights_beside_it_before_it_is_given_up(monk
 )
 @pytest.mark.parametrize("slight", [False, True])
 def test_what_a_large_effect_leaves_may_change_more_where_healthy_drives_tell(
-    monkeypatch, left, learned, at_end, verdict, slight
+    searched, left, learned, at_end, verdict, slight
 ):
     """Two per cent of half the data, 500, and of what the names explain, 1000: a pressure lost its name for a thousandth."""
     linear = SimpleNamespace(terms=(SimpleNamespace(course=None),))
     nothing = (SimpleNamespace(id="maf.gain", changes=0),)
-    for name, value in (
-        ("fit", linear),
-        ("best_of", nothing),
-        ("on_courses", ()),
-        ("is_relevant", False),
-        ("is_proven", False),
-        ("is_uneven", False),
-        ("comes_and_goes", False),
-        ("at_its_end", at_end),
-        ("_has_slight", slight),
-    ):
-        monkeypatch.setattr(select, name, lambda *_, value=value: value)
-    monkeypatch.setattr(select, "structure", lambda _: left)
-    monkeypatch.setattr(select, "_bare", lambda _: None)
-    monkeypatch.setattr(select, "objective", lambda of: 100.0 if of is linear else 1100.0)
-    monkeypatch.setattr(select, "pruned", lambda *_: (nothing, linear))
-    problem = SimpleNamespace(patterns=(1,) if learned else (), data=1000.0)
-    found = select._search(problem, lambda _: None, lambda work, *on: work(*on)).verdict
-    assert found == ("unexplained" if slight else verdict)
+    found = searched(
+        SimpleNamespace(patterns=(1,) if learned else (), data=1000.0),
+        fit=linear, best_of=nothing, on_courses=(), is_relevant=False, is_proven=False, at_its_end=at_end, _has_slight=slight,
+        structure=left, objective=lambda of: 100.0 if of is linear else 1100.0, pruned=(nothing, linear),
+    )  # fmt: skip
+    assert found.verdict == ("unexplained" if slight else verdict)
 
 
 @pytest.mark.parametrize(
     ("below", "whole", "verdict"),
     [(True, True, "effect"), (True, False, "unexplained"), (False, True, "unexplained")],  # the second is a pause
 )
-def test_what_cannot_be_is_not_the_same_place_again(monkeypatch, below, whole, verdict):
+def test_what_cannot_be_is_not_the_same_place_again(searched, below, whole, verdict):
     """Beside a delay of 51 ms from 136 s on stood one of -15 ms all along, and the drive was `unexplained`."""
     delay = SimpleNamespace(place="sensor")
     own, again = (SimpleNamespace(id="maf.delay", term=SimpleNamespace(whole=whole, effect=delay)) for _ in range(2))
     found = SimpleNamespace(terms=(SimpleNamespace(course=None),), problem=SimpleNamespace(patterns=(1,)))
-    for name, value in (
-        ("fit", SimpleNamespace(terms=())),
-        ("is_proven", True),
-        ("is_relevant", True),
-        ("is_uneven", False),
-        ("comes_and_goes", False),
-        ("_with_one_more", (found, (own,))),
-        ("in_episodes", None),
-        ("_has_slight", False),
-        ("structure", 0.0),
-        ("_bare", None),
-        ("objective", 0.0),
-    ):
-        monkeypatch.setattr(select, name, lambda *_, value=value: value)
-    monkeypatch.setattr(select, "best_of", lambda linear: (again if linear.terms else own,))
-    monkeypatch.setattr(select, "same_place_again", lambda candidate, *_: candidate is again)
-    monkeypatch.setattr(select, "is_below_none", lambda _: below)
-    monkeypatch.setattr(select, "at_its_end", lambda _: False)
-    monkeypatch.setattr(select, "pruned", lambda linear, accepted: (accepted, linear))
-    problem = SimpleNamespace(patterns=(1,), data=1000.0)
-    assert select._search(problem, lambda _: None, lambda work, *on: work(*on)).verdict == verdict
+    result = searched(
+        SimpleNamespace(patterns=(1,), data=1000.0),
+        is_proven=True, is_relevant=True, _with_one_more=(found, (own,)), in_episodes=None, is_below_none=below,
+        best_of=lambda linear: (again if linear.terms else own,),
+        same_place_again=lambda candidate, *_: candidate is again,
+    )  # fmt: skip
+    assert result.verdict == verdict
 
 
 @pytest.mark.parametrize(
@@ -537,24 +530,9 @@ def test_what_cannot_be_is_not_the_same_place_again(monkeypatch, below, whole, v
         (("fault",), "unexplained", ["fault", "constant"]),  # it has become slight beside the other
     ],
 )
-def test_beside_a_fault_a_constant_that_has_changed_takes_no_name_away(monkeypatch, slight, verdict, named):
+def test_beside_a_fault_a_constant_that_has_changed_takes_no_name_away(searched, monkeypatch, slight, verdict, named):
     """An offset of 1.4 g/s, p = 3e-56, was given up because a pressure seemed 0.08 % too high beside it."""
     fault, constant = (SimpleNamespace(id=name, term=SimpleNamespace(name=name)) for name in ("fault", "constant"))
-    for name, value in (
-        ("fit", SimpleNamespace(terms=())),
-        ("best_of", (fault, constant)),
-        ("is_relevant", True),
-        ("is_proven", True),
-        ("is_uneven", False),
-        ("same_place_again", False),
-        ("separate_in_time", False),
-        ("comes_and_goes", False),
-        ("at_its_end", False),
-        ("structure", 0.0),
-        ("_bare", None),
-        ("objective", 0.0),
-    ):
-        monkeypatch.setattr(select, name, lambda *_, value=value: value)
     problem = SimpleNamespace(patterns=(1,), data=1000.0)
 
     def one_more(_, best, accepted):
@@ -562,11 +540,14 @@ def test_beside_a_fault_a_constant_that_has_changed_takes_no_name_away(monkeypat
         terms = tuple(SimpleNamespace(name=c.id, course=None) for c in found)
         return SimpleNamespace(terms=terms, problem=problem), found
 
-    monkeypatch.setattr(select, "_with_one_more", one_more)
-    for function in ("is_slight", "is_small"):
-        monkeypatch.setattr(select, function, lambda term, _: term.name in slight)
-    monkeypatch.setattr(select, "pruned", lambda linear, accepted: (accepted, linear))
-    found = select._search(problem, lambda _: None, lambda work, *on: work(*on))
+    def is_small(term, _):
+        return term.name in slight
+
+    monkeypatch.setattr(select, "is_slight", is_small)
+    found = searched(
+        problem, best_of=(fault, constant), is_relevant=True, is_proven=True, separate_in_time=False, is_small=is_small,
+        _with_one_more=one_more, _has_slight=select._has_slight,
+    )  # fmt: skip
     assert (found.verdict, [c.id for c in found.accepted or found.on_the_way]) == (verdict, named)
 
 
@@ -582,62 +563,27 @@ def test_a_slow_error_of_another_cause_has_no_name_but_stays_a_candidate(monkeyp
     ("patterns", "episode", "verdict"), [((1,), True, "unexplained"), ((1,), False, "effect"), ((), True, "effect")]
 )
 def test_what_is_left_of_a_name_at_another_time_takes_it_away_where_healthy_drives_tell(
-    monkeypatch, patterns, episode, verdict
+    searched, patterns, episode, verdict
 ):
     named = SimpleNamespace(id="egr.area", term=None)
     linear = SimpleNamespace(terms=(SimpleNamespace(course=None),), problem=SimpleNamespace(patterns=patterns))
-    for name, value in (
-        ("fit", SimpleNamespace(terms=())),
-        ("best_of", (named,)),
-        ("is_proven", True),
-        ("is_relevant", True),
-        ("is_uneven", False),
-        ("is_small", False),
-        ("same_place_again", False),
-        ("comes_and_goes", False),
-        ("at_its_end", False),
-        ("_with_one_more", (linear, (named,))),
-        ("_has_slight", False),
-        ("is_another_episode", episode),
-        ("structure", 0.0),
-        ("_bare", None),
-        ("objective", 0.0),
-    ):
-        monkeypatch.setattr(select, name, lambda *_, value=value: value)
-    monkeypatch.setattr(select, "pruned", lambda linear, accepted: (accepted, linear))
-    problem = SimpleNamespace(patterns=patterns, data=1000.0)
-    assert select._search(problem, lambda _: None, lambda work, *on: work(*on)).verdict == verdict
+    found = searched(
+        SimpleNamespace(patterns=patterns, data=1000.0),
+        best_of=(named,), is_proven=True, is_relevant=True, _with_one_more=(linear, (named,)), is_another_episode=episode,
+    )  # fmt: skip
+    assert found.verdict == verdict
 
 
-def test_the_search_goes_on_with_an_effect_in_all_its_episodes(monkeypatch):
+def test_the_search_goes_on_with_an_effect_in_all_its_episodes(searched):
     """An intake pressure 15 hPa too high in two episodes was `unexplained`, p = 1e-175."""
     term = SimpleNamespace(whole=False, effect=SimpleNamespace(place="p_im"), course=None)
-    again = SimpleNamespace(id="p_im.gain", term=term)
+    named, again, nothing = (SimpleNamespace(id=id_, term=term) for id_ in ("p_im.offset", "p_im.gain", "none"))
     problem = SimpleNamespace(patterns=(1,), data=1000.0)
-    named = SimpleNamespace(id="p_im.offset", term=term)
     first, both = (SimpleNamespace(terms=(SimpleNamespace(course=name),), problem=problem) for name in (None, "both"))
-    nothing = SimpleNamespace(id="none", term=term)
-    for name, value in (
-        ("fit", SimpleNamespace(terms=())),
-        ("is_relevant", False),
-        ("is_uneven", False),
-        ("is_below_none", False),
-        ("is_small", False),
-        ("comes_and_goes", False),
-        ("at_its_end", False),
-        ("_has_slight", False),
-        ("structure", 0.0),
-        ("_bare", None),
-        ("objective", 0.0),
-        ("_with_one_more", (first, (named,))),
-        ("in_episodes", (both, (named,))),
-    ):
-        monkeypatch.setattr(select, name, lambda *_, value=value: value)
-    monkeypatch.setattr(select, "best_of", lambda linear: (nothing if linear is both else again,))
-    monkeypatch.setattr(select, "is_proven", lambda candidate, _: candidate is again)
-    monkeypatch.setattr(
-        select, "same_place_again", lambda candidate, accepted, _: bool(accepted) and candidate is again
-    )
-    monkeypatch.setattr(select, "pruned", lambda linear, accepted: (accepted, linear))
-    result = select._search(problem, lambda _: None, lambda work, *on: work(*on))
+    result = searched(
+        problem, is_relevant=False, is_below_none=False, _with_one_more=(first, (named,)), in_episodes=(both, (named,)),
+        best_of=lambda linear: (nothing if linear is both else again,),
+        is_proven=lambda candidate, _: candidate is again,
+        same_place_again=lambda candidate, accepted, _: bool(accepted) and candidate is again,
+    )  # fmt: skip
     assert (result.verdict, result.accepted, result.linear) == ("effect", (named,), both)
