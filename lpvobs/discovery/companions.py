@@ -14,7 +14,7 @@ from lpvobs.discovery.held_out import Losses, cross_validated, noise_power
 from lpvobs.discovery.linear import Linear, cancels, changed_by
 from lpvobs.discovery.places import moves
 from lpvobs.discovery.ranking import is_remnant, is_significant, is_uneven
-from lpvobs.discovery.residual import Problem, Term
+from lpvobs.discovery.residual import Problem, Term, are_apart
 from lpvobs.records import Array
 
 
@@ -205,5 +205,4 @@ def _same_time(one: Term, other: Term) -> bool:
 
 def separate_in_time(one: Term, other: Term) -> bool:
     """Return whether two terms of one place act at different times, farther apart than the error of an onset."""
-    apart = one.end + thresholds.STRETCH < other.begin or other.end + thresholds.STRETCH < one.begin
-    return bool(apart and one.effect.place == other.effect.place)
+    return one.effect.place == other.effect.place and are_apart(one, other)

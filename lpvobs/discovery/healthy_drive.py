@@ -177,6 +177,7 @@ class HealthyDrive:
             prior=replace(problem.prior, sensitivity=problem.prior.sensitivity @ modes),
             of_map=self.of_map,
             offset=problem.offset - expected,
+            left=expected,
             learned=learned,
             bounded=True,
             lasting=problem.lasting * wider,

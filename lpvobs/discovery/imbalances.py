@@ -105,6 +105,8 @@ def moved(problem: Problem, s: Signals) -> Array:
             out += np.tile(by_value, 2) * (s[name] - recorded[name])
         if s.rate[name] is not recorded.rate[name]:
             out += np.tile(by_rate, 2) * (s.rate[name] - recorded.rate[name])
+    if problem.left is not None and problem.model.left_with is not None and s.lacks is not recorded.lacks:
+        out += problem.model.left_with(s.constants, s, np.tile(problem.left, 2))
     return out
 
 

@@ -13,7 +13,6 @@ from lpvobs.discovery.course_choice import (
     finer,
     fit_course,
     is_worth,
-    may_have_episodes,
     sharpened,
     timed_again,
     with_courses,
@@ -102,25 +101,6 @@ def _course_again(linear: Linear, found: Candidate) -> tuple[Candidate, Linear]:
     if nearer.term.course != course:
         linear = fit(linear.problem, [*bare.terms, nearer.term], start=linear)
     return in_place(linear, newest, nearer), linear
-
-
-def in_episodes(
-    linear: Linear, accepted: tuple[Candidate, ...], place: str
-) -> tuple[Linear, tuple[Candidate, ...]] | None:
-    """Return the model with the effect of a place in all its episodes; None where it has none, or has been in them before.
-
-    Without healthy drives, what comes and goes like that may be any disturbance.
-    """
-    if not len(linear.problem.patterns):
-        return None
-    for i, (term, candidate) in enumerate(zip(linear.terms, accepted, strict=True)):
-        if term.effect.place == place and term.course is None and may_have_episodes(term.effect, linear.problem):
-            again, own = timed_again(linear, i), in_place(linear, i, candidate)
-            if again is not None and is_worth(again, own):
-                terms = [*linear.terms[:i], again.term, *linear.terms[i + 1 :]]
-                found = fit(linear.problem, terms, start=linear)
-                return found, (*accepted[:i], in_place(found, i, again), *accepted[i + 1 :])
-    return None
 
 
 def _acting(problem: Problem, effects: Sequence[Effect], term: Term) -> list[Effect]:

@@ -50,6 +50,7 @@ class Problem(Places):
     seeming: Seeming = field(default_factory=Seeming)
     # by channel, the derivatives of what a healthy engine leaves by its value and by its rate, (B, K)
     follows: Mapping[str, tuple[Array, Array]] = field(default_factory=dict)
+    left: Array | None = None  # (B, K) beside a healthy drive, what a healthy engine leaves
     # (q, m) beside a healthy drive, combinations of the engine's unknowns: their sizes are the unknowns then
     modes: Array | None = None
     # (m, B, 2K) beside a healthy drive, derivatives of what a healthy engine leaves by these sizes
@@ -245,6 +246,11 @@ class Term:
         """Return at which places it acts, shape (K,)."""
         on = (clock >= self.begin) & (clock < self.end)
         return np.asarray(on if self.only is None else on & self.only, dtype=bool)
+
+
+def are_apart(one: Term, other: Term) -> bool:
+    """Return whether two terms act at different times, farther apart than the error of an onset."""
+    return bool(one.end + thresholds.STRETCH < other.begin or other.end + thresholds.STRETCH < one.begin)
 
 
 def lay_out(

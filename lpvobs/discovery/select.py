@@ -20,6 +20,7 @@ from lpvobs.discovery.companions import (
     separate_in_time,
 )
 from lpvobs.discovery.course_choice import comes_and_goes, on_courses, sharpened, timed_again
+from lpvobs.discovery.episodes import in_episodes, shorter
 from lpvobs.discovery.evidence import Candidate, dated_again, fit_candidate
 from lpvobs.discovery.fit import fit, objective, refit, standard_errors, with_term, without
 from lpvobs.discovery.form_search import beside_forms, best_forms
@@ -32,7 +33,6 @@ from lpvobs.discovery.joint_choice import (
     choose_again,
     choose_all_again,
     finished,
-    in_episodes,
     is_below_none,
     says_something,
 )
@@ -249,7 +249,7 @@ def _search(
         again = [c for c in (found[0], best) if counts(c, linear) and same_place_again(c, accepted, problem)]
         # One that is less than none all along cannot be: it stands for what the named one leaves.
         if not all(is_below_none(c.term) and c.term.whole for c in again):
-            episodes = once(in_episodes, linear, accepted, again[0].term.effect.place)
+            episodes = once(in_episodes, linear, accepted, again[0])
             if episodes is None:
                 return _Search("unexplained", [], before, before, ranking, accepted)
             (linear, accepted), found = episodes, ()
@@ -310,7 +310,7 @@ def _with_one_more(
     named, trial = choose_again(trial, best)
     if not predicts_better(linear, trial, named) or is_remainder(named, accepted, problem) or at_its_end(named.term):
         return None
-    return choose_all_again(trial, (*accepted, named))
+    return shorter(choose_all_again(trial, (*accepted, named)), in_episodes(linear, accepted, named))
 
 
 def _bare(linear: Linear) -> Linear:

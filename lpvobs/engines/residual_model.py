@@ -126,6 +126,8 @@ class ResidualModel:
     beyond: Callable[[Sequence[Log], Signals, Blocks | None], Array] | None = None
     # how wrong the balances of a healthy engine are, held out; None weights a residual by its own scatter
     healthy: HealthyErrors | None = None
+    # how what a healthy engine leaves, shape (B, C), changes with what the engine lacks, from constants, signals and that
+    left_with: Callable[[Any, Signals, Array], Array] | None = None
     # signals that the balances read and no sensor shows
     followers: Mapping[str, Follower] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)  # of the channels, and of those that logs have beside them

@@ -209,28 +209,3 @@ def test_what_is_proven_in_an_interval_alone_is_tried_on_courses_too(laid_out, p
     monkeypatch.setattr(joint_choice, "is_proven", lambda candidate, _: not candidate.term.whole)
     joint_choice.choose_again(linear, in_place(linear, 0, fit_candidate(bare, gain, *span)))
     assert offset in asked[0]
-
-
-@pytest.mark.parametrize(
-    ("place", "course", "may", "gain", "patterns", "kept"),
-    [
-        ("p_im", None, True, 300.0, (1,), True),
-        ("sensor", None, True, 300.0, (1,), False),  # the other effect is at the sensor
-        ("p_im", TracedCourse("intermittent"), True, 300.0, (1,), False),  # it has been in its episodes
-        ("p_im", None, False, 300.0, (1,), False),
-        ("p_im", None, True, 100.0, (1,), False),
-        ("p_im", None, True, 300.0, (), False),  # it may be any disturbance
-    ],
-)
-def test_an_effect_that_is_there_again_takes_all_its_episodes(monkeypatch, place, course, may, gain, patterns, kept):
-    """An intake pressure 15 hPa too high in two episodes was `unexplained`, p = 1e-175: one of them seemed of one size."""
-    term = SimpleNamespace(effect=SimpleNamespace(id="p_im.offset", place=place), course=course)
-    again = SimpleNamespace(term="all episodes", gain=gain)
-    linear = SimpleNamespace(terms=(term,), problem=SimpleNamespace(patterns=patterns))
-    monkeypatch.setattr(joint_choice, "may_have_episodes", lambda *_: may)
-    monkeypatch.setattr(joint_choice, "timed_again", lambda *_: again)
-    monkeypatch.setattr(joint_choice, "in_place", lambda _, __, candidate: candidate)
-    monkeypatch.setattr(joint_choice, "is_worth", lambda one, other: one.gain > other.gain)
-    monkeypatch.setattr(joint_choice, "fit", lambda problem, terms, start: tuple(terms))
-    found = joint_choice.in_episodes(linear, (SimpleNamespace(gain=200.0),), "p_im")
-    assert found == ((("all episodes",), (again,)) if kept else None)

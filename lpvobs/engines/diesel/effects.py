@@ -24,6 +24,8 @@ BALANCES = ("compressor", "filling", "exhaust", "turbo")
 CHANNELS = ("n_e", "u_delta", "u_egr", "u_vgt", "p_im", "p_em", "omega_t", "T_im", "T_em", "p_amb", "T_amb", "W_maf")
 RESTRICTED = 0.5
 """Change of the back pressure's coefficient from which on its solution counts in full; without one, three passes are near."""
+OTHER = (0.5, 2.0)
+"""Least and largest area of a turbine over that of its model, as what a healthy engine leaves tells it."""
 POWER = 1.0e5  # [J/kg] Turns a power into a flow, so that all balances are in kg/s
 
 
@@ -49,7 +51,7 @@ def imbalances_of(c: DieselConstants, x: Array, dx: Array, lacks: Array, flows: 
     n_e, u_delta, u_egr, _, p_im, p_em, omega_t, T_im, T_em, p_amb, T_amb, W_maf = x
     K = n_e.size
     out, (head, rho_1, W_ei, W_egr, turned) = np.empty((4, K)), np.empty((5, K))
-    W_t, Pi_t = turbine(c, c.k_exhaust * lacks[6], x)
+    W_t, Pi_t = turbine(c, c.k_exhaust * lacks[6], x, np.ones(K))
     for k in range(K):
         head[k] = relation.head(c, p_im[k], p_amb[k])
     for k in range(K):
@@ -78,15 +80,18 @@ def imbalances_of(c: DieselConstants, x: Array, dx: Array, lacks: Array, flows: 
 
 
 @njit(cache=True)
-def turbine(c: DieselConstants, k_exhaust: Array, x: Array) -> tuple[Array, Array]:
-    """Return W_t [kg/s] and Pi_t, shape (K,), with a back pressure p_amb + k_exhaust W_t^2 of its own."""
+def turbine(c: DieselConstants, k_exhaust: Array, x: Array, wider: Array) -> tuple[Array, Array]:
+    """Return W_t [kg/s] and Pi_t, shape (K,), with a back pressure p_amb + k_exhaust W_t^2 of its own.
+
+    `wider` is the turbine's area over that of the model.
+    """
     # The engine's model makes three passes of the fixed point, `relation.turbine_pass`, and so is a clean exhaust here. All
     # places make one pass before the next: no place waits for its own power. With a restriction the passes swing around
     # the solution, or away from it: the more there is of it, the more the solution counts.
     K, p_em, p_amb = x.shape[1], x[5], x[9]
     scale, W_t, Pi_t = np.empty(K), np.zeros(K), np.empty(K)
     for k in range(K):
-        scale[k] = relation.turbine_scale(c, x[3, k], x[8, k])
+        scale[k] = wider[k] * relation.turbine_scale(c, x[3, k], x[8, k])
     for _ in range(3):
         for k in range(K):
             Pi_t[k] = min((p_amb[k] + k_exhaust[k] * W_t[k] * W_t[k]) / p_em[k], 0.9999)
@@ -99,6 +104,37 @@ def turbine(c: DieselConstants, k_exhaust: Array, x: Array) -> tuple[Array, Arra
         Pi_t[k] += share * (solved - Pi_t[k])
         W_t[k] = scale[k] * sqrt(1.0 - Pi_t[k] ** c.K_t) * p_em[k]
     return W_t, Pi_t
+
+
+@njit(cache=True)
+def left_by_turbine(c: DieselConstants, x: Array, lacks: Array, left: Array) -> Array:
+    """Return how what a healthy engine leaves, `left`, changes with what the engine lacks, shape (4, K) [kg/s].
+
+    What the exhaust leaves is a turbine that swallows more or less than its model, what the turbo leaves is one that turns more or
+    less of it into power. A fault changes that turbine.
+    """
+    T_em, omega_t, K = x[8], x[6], x.shape[1]
+    out, wider = np.zeros((4, K)), np.empty(K)
+    W_t, Pi_t = turbine(c, np.full(K, c.k_exhaust), x, np.ones(K))
+    for k in range(K):
+        wider[k] = min(max(1.0 + left[2, k] / W_t[k], OTHER[0]), OTHER[1]) if W_t[k] > 0.0 else 1.0
+    (W_own, Pi_own), (W_now, Pi_now) = (
+        turbine(c, np.full(K, c.k_exhaust), x, wider),
+        turbine(c, c.k_exhaust * lacks[6], x, wider),
+    )
+    W_lacking, Pi_lacking = turbine(c, c.k_exhaust * lacks[6], x, np.ones(K))
+    for k in range(K):
+        flow = W_now[k] / W_own[k] if W_own[k] > 0.0 else 1.0
+        own = relation.turbine_power(c, W_own[k], Pi_own[k], omega_t[k], T_em[k])
+        now = relation.turbine_power(c, W_now[k], Pi_now[k], omega_t[k], T_em[k])
+        power = now / own if own > 0.0 else 1.0
+        model = relation.turbine_power(c, W_t[k], Pi_t[k], omega_t[k], T_em[k])
+        lacking = relation.turbine_power(c, W_lacking[k], Pi_lacking[k], omega_t[k], T_em[k])
+        out[2, k] = W_t[k] * (1.0 + wider[k] * (flow - 1.0)) - W_lacking[k]
+        healthy = min(max(model - POWER * left[3, k], OTHER[0] * model), OTHER[1] * model)
+        change = healthy * (lacks[5, k] * power - 1.0)
+        out[3, k] = (lacks[5, k] * lacking - model - change) / POWER
+    return out
 
 
 @njit(cache=True)
@@ -124,6 +160,13 @@ def _imbalances(found: AsFound, s: Signals, changes: Array) -> Array:
     x[OMEGA_T] += changes[OMEGA_T_LAG] * dx[OMEGA_T]
     x[W_MAF] += changes[W_MAF_LAG] * dx[W_MAF]
     return np.asarray(imbalances_of(found.constants, x, dx, s.lacks, changes[:T_EM_LAG]))
+
+
+def left_with(found: AsFound, s: Signals, left: Array) -> Array:
+    """Return how what a healthy engine leaves changes with what the engine lacks, shape (4, C) [kg/s]."""
+    if (s.lacks[5:] == 1.0).all():
+        return np.zeros((len(BALANCES), s.lacks.shape[1]))
+    return np.asarray(left_by_turbine(found.constants, _stacked(s.value), s.lacks, left))
 
 
 def _changes(found: AsFound, s: Signals) -> Array:
@@ -268,6 +311,7 @@ def diesel_model(
         with_unknowns=found_around(constants, point),
         imbalances=imbalances,
         by_reading=by_reading,
+        left_with=left_with,
         shown=shown,
         further=further,
         catalogue=CATALOGUE,

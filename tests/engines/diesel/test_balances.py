@@ -5,7 +5,7 @@ import pytest
 from reference.drives import scattered
 
 from lpvobs.engines.components.intake import escape
-from lpvobs.engines.diesel.effects import BALANCES, CHANNELS, LACKS, imbalances_of, turbine
+from lpvobs.engines.diesel.effects import BALANCES, CHANNELS, LACKS, OTHER, imbalances_of, left_by_turbine, turbine
 from lpvobs.engines.diesel.lpv import Diesel
 
 
@@ -84,7 +84,7 @@ def restricted(c, factors):
     x = np.zeros((len(CHANNELS), factors.size))
     for name, value in {"u_vgt": 60.0, "p_em": 2.4e5, "T_em": 800.0, "p_amb": 1.0e5}.items():
         x[CHANNELS.index(name)] = value
-    return turbine(c, factors * c.k_exhaust, x)
+    return turbine(c, factors * c.k_exhaust, x, np.ones(x.shape[1]))
 
 
 @pytest.mark.parametrize("factor", [2.0, 5.0, 9.0])
@@ -101,3 +101,52 @@ def test_a_little_more_restriction_is_a_little_less_flow(engine):
     falls = -np.diff(flows)
     assert (falls > 0.0).all()
     assert falls.max() < 5.0 * falls.min()  # no jump where the solution takes over
+
+
+def changed(log, c, value, **fault):
+    """Return how a fault changes the balances of an engine, shape (4, K)."""
+    N, still = len(log), np.zeros((3, len(log)))
+    faulty, sound = (imbalances_of(c, value, 0 * value, with_lacks(N, **each), still) for each in (fault, {}))
+    return faulty - sound
+
+
+@pytest.mark.parametrize(
+    ("constant", "fault"),
+    [("eta_tm_max", {"turbine": 0.9}), ("A_vgt_max", {"turbine": 0.9}), ("A_vgt_max", {"exhaust": 2.5})],
+)
+def test_a_fault_of_the_turbine_is_one_of_the_turbine_that_healthy_drives_show(engine, constant, fault):
+    """A turbine that gave a third less power than its model seemed to lose a third less by a fault, too."""
+    log = scattered(9)
+    value, _, _ = columns(log)
+    model = Diesel(engine).constants
+    real = model._replace(**{constant: 0.8 * getattr(model, constant)})
+    N, still = len(log), np.zeros((3, len(log)))
+    left = np.subtract(*(imbalances_of(c, value, 0 * value, with_lacks(N), still) for c in (model, real)))
+    true, as_modelled = changed(log, real, value, **fault), changed(log, model, value, **fault)
+    known = as_modelled - left_by_turbine(model, value, with_lacks(N, **fault), left)
+    for b in (2, 3):
+        off, before = np.abs(known[b] - true[b]).max(), np.abs(as_modelled[b] - true[b]).max()
+        assert off <= 0.15 * before or before < 1e-9
+
+
+def test_an_engine_that_is_its_model_leaves_nothing_with_a_fault(engine):
+    log = scattered(11)
+    value, _, _ = columns(log)
+    c, nothing = Diesel(engine).constants, np.zeros((4, len(log)))
+    for fault in ({"turbine": 0.9}, {"exhaust": 2.5}, {"exhaust": 0.8, "turbine": 1.1}):
+        np.testing.assert_allclose(
+            left_by_turbine(c, value, with_lacks(len(log), **fault), nothing), 0.0, rtol=0, atol=1e-12
+        )
+
+
+def test_what_is_left_where_the_turbine_hardly_works_is_not_all_its_own(engine):
+    """On idle the balance of powers may leave several times what the turbine gives."""
+    log = scattered(13)
+    value, _, _ = columns(log)
+    c, N = Diesel(engine).constants, len(log)
+    power = -changed(log, c, value, turbine=0.9)[3] / 0.1
+    for sign, most in ((1.0, 1.0 - OTHER[0]), (-1.0, OTHER[1] - 1.0)):
+        left = np.zeros((4, N))
+        left[3] = 5.0 * sign * power
+        found = left_by_turbine(c, value, with_lacks(N, turbine=0.9), left)[3]
+        np.testing.assert_allclose(found, -0.1 * sign * most * power, rtol=1e-9, atol=1e-12)  # kg/s, rounding

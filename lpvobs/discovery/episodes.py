@@ -1,0 +1,54 @@
+"""What comes and goes: one effect in all its episodes in place of several that are there one after the other."""
+
+from dataclasses import replace
+
+from lpvobs.discovery.course_choice import is_worth, may_have_episodes, timed_again
+from lpvobs.discovery.evidence import Candidate, in_place
+from lpvobs.discovery.fit import fit, objective
+from lpvobs.discovery.linear import Linear
+from lpvobs.discovery.residual import are_apart
+from lpvobs.discovery.thresholds import TIE
+
+
+def in_episodes(
+    linear: Linear, accepted: tuple[Candidate, ...], further: Candidate
+) -> tuple[Linear, tuple[Candidate, ...]] | None:
+    """Return the model with one effect in several episodes instead of an accepted one and a further one at another time.
+
+    It is the accepted one, or the further one if both have one place; None where there is none, or it has been in them before.
+    Without healthy drives, what comes and goes like that may be any disturbance.
+    """
+    if not len(linear.problem.patterns):
+        return None
+    for i, (term, candidate) in enumerate(zip(linear.terms, accepted, strict=True)):
+        same = term.effect.place == further.term.effect.place
+        if term.course is not None or not (same or are_apart(term, further.term)):
+            continue
+        tried = (_with_episodes(linear, i, own) for own in ((candidate, further) if same else (candidate,)))
+        found = [each for each in tried if each is not None]
+        if found:
+            again, own = min(found, key=lambda each: objective(each[0]))
+            return again, (*accepted[:i], in_place(again, i, own), *accepted[i + 1 :])
+    return None
+
+
+def shorter(
+    longer: tuple[Linear, tuple[Candidate, ...]], episodes: tuple[Linear, tuple[Candidate, ...]] | None
+) -> tuple[Linear, tuple[Candidate, ...]]:
+    """Return the model with an effect in episodes, if it leaves no more than the one with a further effect does."""
+    return longer if episodes is None or objective(episodes[0]) > objective(longer[0]) + TIE else episodes
+
+
+def _with_episodes(linear: Linear, i: int, own: Candidate) -> tuple[Linear, Candidate] | None:
+    """Return the model with an effect on intervals in one place, and the effect; None where these explain no more than one."""
+    effect, terms = own.term.effect, list(linear.terms)
+    if not may_have_episodes(effect, linear.problem):
+        return None
+    if effect != terms[i].effect:
+        terms[i] = replace(own.term, begin=terms[i].begin, end=terms[i].end)
+        linear = fit(linear.problem, terms, start=linear)
+    again = timed_again(linear, i)
+    if again is None or not is_worth(again, in_place(linear, i, own)):
+        return None
+    terms[i] = again.term
+    return fit(linear.problem, terms, start=linear), again
