@@ -5,6 +5,7 @@ from dataclasses import replace
 from lpvobs.discovery.course_choice import is_worth, may_have_episodes, timed_again
 from lpvobs.discovery.evidence import Candidate, in_place
 from lpvobs.discovery.fit import fit, objective
+from lpvobs.discovery.joint_choice import choose_all_again
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.residual import are_apart
 from lpvobs.discovery.thresholds import TIE
@@ -22,14 +23,22 @@ def in_episodes(
         return None
     for i, (term, candidate) in enumerate(zip(linear.terms, accepted, strict=True)):
         same = term.effect.place == further.term.effect.place
-        if term.course is not None or not (same or are_apart(term, further.term)):
+        if not (same or are_apart(term, further.term)):
             continue
-        tried = (_with_episodes(linear, i, own) for own in ((candidate, further) if same else (candidate,)))
-        found = [each for each in tried if each is not None]
+        tried = [_with_episodes(linear, i, own) for own in ((candidate, further) if same else (candidate,))]
+        found = [each for each in (*tried, _in_place_of(linear, i, further)) if each is not None]
         if found:
             again, own = min(found, key=lambda each: objective(each[0]))
-            return again, (*accepted[:i], in_place(again, i, own), *accepted[i + 1 :])
+            return choose_all_again(again, (*accepted[:i], in_place(again, i, own), *accepted[i + 1 :]))
     return None
+
+
+def _in_place_of(linear: Linear, i: int, further: Candidate) -> tuple[Linear, Candidate] | None:
+    """Return the model with an effect at another time than it was accepted at, if it leaves less: beside others it acts then."""
+    if further.id != linear.terms[i].effect.id:
+        return None
+    moved = fit(linear.problem, [*linear.terms[:i], further.term, *linear.terms[i + 1 :]], start=linear)
+    return (moved, further) if objective(moved) < objective(linear) - TIE else None
 
 
 def shorter(
@@ -42,7 +51,7 @@ def shorter(
 def _with_episodes(linear: Linear, i: int, own: Candidate) -> tuple[Linear, Candidate] | None:
     """Return the model with an effect on intervals in one place, and the effect; None where these explain no more than one."""
     effect, terms = own.term.effect, list(linear.terms)
-    if not may_have_episodes(effect, linear.problem):
+    if terms[i].course is not None or not may_have_episodes(effect, linear.problem):
         return None
     if effect != terms[i].effect:
         terms[i] = replace(own.term, begin=terms[i].begin, end=terms[i].end)
