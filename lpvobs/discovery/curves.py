@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lpvobs.discovery.courses import Curve, FactorSurface, Shape
-from lpvobs.discovery.evidence import Candidate, fit_candidate
+from lpvobs.discovery.evidence import Candidate, best_onset, fit_candidate
 from lpvobs.discovery.fit import linearised
 from lpvobs.discovery.forms import CHANNEL, TIME, Factor, shape_of
 from lpvobs.discovery.linear import Linear
@@ -125,12 +125,15 @@ def following(
 def component_candidates(linear: Linear, plain: Sequence[Candidate]) -> list[Candidate]:
     """Return the best curve of every component as a candidate, if it gains more than its coefficients cost.
 
-    It acts all the time, or begins where the component's factor does among the plain effects, or else where the best of these does.
+    It acts all the time, or begins where the component's factor does among the plain effects, or else where the best of these
+    does, or else where its own shape says.
     """
     found = []
     for curve in linear.problem.model.curves:
         alike = next((c for c in plain if c.id == curve.carrier.id), plain[0]).term
-        found += [_of_component(linear, curve, begin) for begin in (-np.inf, *onset(alike))]
+        whole = _of_component(linear, curve, -np.inf)
+        begins = onset(alike) or ([] if whole is None else best_onset(linear, whole))
+        found += [whole, *(_of_component(linear, curve, begin) for begin in begins)]
     return [each for each in found if each is not None]
 
 

@@ -272,6 +272,16 @@ def with_best_interval(linear: Linear, whole: Candidate) -> Candidate:
     return max(rivals if absorbed else [whole, *rivals], key=score)
 
 
+def best_onset(linear: Linear, whole: Candidate) -> list[float]:
+    """Return when an effect that acts all along would better begin, from its shape; none if it gains nothing by that."""
+    blocks = linear.problem.first.size
+    if blocks < 3 * LEAST_LENGTH:
+        return []
+    gains = gains_of_intervals(linear, _direction(linear, whole.term.effect, whole.term.size))
+    (first, last), *_ = best_intervals(gains)
+    return [ends_of(linear, first, last)[0]] if gains[first, last] > gains[0, blocks] else []
+
+
 def stays(problem: Problem, effect: Effect) -> bool:
     """Return whether an effect has no end here: it settles for good, and the logs are one drive."""
     return effect.stays and bool(problem.of_log[-1] == 0)

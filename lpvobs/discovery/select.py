@@ -103,8 +103,7 @@ def select(problem: Problem, progress: Callable[[float], None] = lambda _: None)
     nothing, named = chance_of_nothing(search.first, tried), search.accepted
     # Where healthy drives tell how errors look, the probability of nothing is that of the verdict.
     unnamed = "none" if learned and nothing >= thresholds.SIGNIFICANT else "unexplained"
-    if learned and search.verdict != "effect":
-        search = replace(search, verdict=unnamed)
+    search = replace(search, verdict=unnamed) if learned and search.verdict != "effect" else search
     rivals, search = _rival_forms(search, once), _unless_other_cause(search)
     if search.verdict == "unexplained" or rivals.best is not None:
         leader = rivals.best if rivals.clearly and nothing < thresholds.SIGNIFICANT else None
@@ -113,7 +112,8 @@ def select(problem: Problem, progress: Callable[[float], None] = lambda _: None)
     final, search = _sized(search)
     bare = _bare(final)
     effects = _finished(final, bare, search, rivals.as_good if search.accepted is named else ())
-    if _has_slight(final) or not all(says_something(effect) for effect in effects):  # once all data tell
+    small = any(is_small(term, problem) for term in final.terms)
+    if small or not all(map(says_something, effects)):  # once all data tell
         search = _nameless(search, unnamed, search.accepted)
         final = bare = _with_all(search.linear)
         effects = ()
