@@ -93,6 +93,26 @@ def test_the_function_goes_along_with_a_corrected_channel(healthy, plant, config
     assert not moved(problem, problem.signals).any()
 
 
+def test_a_fault_changes_the_turbine_that_healthy_drives_show(laid_out, plant, clean):
+    """A turbine that gives 0.7 of its model's power loses a tenth of that, not of the model's."""
+    laid, effect = laid_out(clean), plant.effect("turbine.efficiency")
+    turbo = plant.balances.index("turbo")
+
+    def change(problem):
+        none = np.zeros(problem.spread.size)
+        lost, whole = (from_signals(problem, scenes_with(problem, each, none)) for each in ((Term(effect, 0.9),), ()))
+        return lost - whole
+
+    power = change(laid) / -0.1
+    left = np.zeros(laid.shown.shape)
+    left[turbo] = 0.3 * power[turbo].reshape(2, -1).mean(0)
+    known = change(replace(laid, left=left))
+    np.testing.assert_allclose(
+        known.reshape(4, 2, -1).mean(1)[turbo], -0.07 * power[turbo].reshape(2, -1).mean(0), rtol=1e-6
+    )
+    assert not np.delete(known, turbo, axis=0).any()
+
+
 def test_a_place_where_a_balance_does_not_count_has_no_weight(healthy, plant, config, prior, other):
     """Not in the first pass either, when no noise is known."""
     problem = lay_out(plant, config.grid(), prior, [other(2)])
