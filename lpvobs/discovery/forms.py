@@ -189,6 +189,11 @@ def share_a_signal(ids: Sequence[str]) -> bool:
     return all(set.intersection(*each) for each in followed.values() if each)
 
 
+def have_a_cause(ids: Sequence[str]) -> bool:
+    """Return whether the forms among some identifiers share a channel, as above, and none follows the time, which is no cause."""
+    return share_a_signal(ids) and not any(TIME in cause_of(id_)[1] for id_ in ids if id_.startswith(PREFIX))
+
+
 def without_variants(ids: Sequence[str]) -> list[str]:
     """Return identifiers without forms of one target that follow the signals of an earlier one, or those of any other and more."""
     of = [cause_of(id_) if id_.startswith(PREFIX) else None for id_ in ids]

@@ -91,7 +91,8 @@ def is_proven(candidate: Candidate, linear: Linear) -> bool:
 
 def is_significant(candidate: Candidate, problem: Problem) -> bool:
     """Return whether chance alone hardly explains a candidate, the errors of a healthy engine counted where drives show them."""
-    return chance(candidate, problem) < thresholds.SIGNIFICANT
+    most = thresholds.SIGNIFICANT_LEARNED if problem.seeming.drives else thresholds.SIGNIFICANT
+    return chance(candidate, problem) < most
 
 
 def chance(candidate: Candidate, problem: Problem, wider: float = 1.0) -> float:

@@ -24,7 +24,7 @@ from lpvobs.discovery.episodes import in_episodes, shorter
 from lpvobs.discovery.evidence import Candidate, dated_again, fit_candidate
 from lpvobs.discovery.fit import fit, objective, refit, standard_errors, with_term, without
 from lpvobs.discovery.form_search import beside_forms, best_forms
-from lpvobs.discovery.forms import CHANNEL, PREFIX, parsed, share_a_signal
+from lpvobs.discovery.forms import CHANNEL, PREFIX, have_a_cause, parsed
 from lpvobs.discovery.held_out import Losses, compare, cross_validated
 from lpvobs.discovery.inside import settled
 from lpvobs.discovery.joint_choice import (
@@ -102,11 +102,11 @@ def select(problem: Problem, progress: Callable[[float], None] = lambda _: None)
     tried = [*search.ranking, *_forms_of(search, once)[:1], *search.on_the_way] if learned else search.ranking
     nothing, named = chance_of_nothing(search.first, tried), search.accepted
     # Where healthy drives tell how errors look, the probability of nothing is that of the verdict.
-    unnamed = "none" if learned and nothing >= thresholds.SIGNIFICANT else "unexplained"
+    unnamed = "none" if learned and nothing >= thresholds.SIGNIFICANT_LEARNED else "unexplained"
     search = replace(search, verdict=unnamed) if learned and search.verdict != "effect" else search
     rivals, search = _rival_forms(search, once), _unless_other_cause(search)
     if search.verdict == "unexplained" or rivals.best is not None:
-        leader = rivals.best if rivals.clearly and nothing < thresholds.SIGNIFICANT else None
+        leader = rivals.best if rivals.clearly and nothing < thresholds.SIGNIFICANT_LEARNED else None
         search = _with_forms(problem, progress, once, search, leader)
     progress(0.95)
     final, search = _sized(search)
@@ -201,7 +201,7 @@ def _with_forms(
     few = len(wider.accepted) <= (len(search.accepted) or 3)
     form = few and any(c.id.startswith(PREFIX) for c in wider.accepted)
     of_sensor = [c.id for c in wider.accepted if not c.id.startswith(CHANNEL) or c.term.effect.place == "sensor"]
-    if form and share_a_signal(of_sensor) and _leaves_less(wider.linear):
+    if form and have_a_cause(of_sensor) and _leaves_less(wider.linear):
         rivals = tuple(c.term.effect for c in wider.ranking if c.id.startswith(PREFIX))
         return replace(wider, ranking=search.ranking, forms=rivals)
     way = wider.accepted or wider.on_the_way
