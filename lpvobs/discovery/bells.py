@@ -43,6 +43,10 @@ class Bells:
         out[:, :m], out[:, m:] = bells_of(inputs[:, :c], self.centres, self.lengths), inputs[:, c:]
         return out
 
+    def steady(self, along: Array) -> Array:
+        """Return the function without its lines, (k,), of bells and lines: what it is where nothing changes."""
+        return np.asarray(along[:, : len(self.centres)] @ self.weights[: len(self.centres)])
+
     @cached_property
     def root(self) -> Array:
         """R, shape (m, m): before any data, the features R b of the bells b have independent weights of unit variance."""

@@ -118,16 +118,20 @@ class HealthyDrive:
             yield along
 
     def expected(self, problem: Problem) -> Array:
-        """Return what a healthy engine leaves [kg/s], and the variance of its errors beyond over that of white noise, (2, B, K)."""
+        """Return what a healthy engine leaves [kg/s], now and where nothing changes, and the variance of its errors, (3, B, K).
+
+        They stand first and last. The variance of the errors beyond is in that of white noise.
+        """
         views, each = self.inputs(problem), enumerate(self.along(problem))
         return np.array([self._expected(problem, views, along, b) for b, along in each]).swapaxes(0, 1)
 
-    def _expected(self, problem: Problem, views: Array, along: Array, b: int) -> tuple[Array, Array]:
+    def _expected(self, problem: Problem, views: Array, along: Array, b: int) -> tuple[Array, Array, Array]:
         bells = self.bells[b]
         # what the bells lack on healthy drives is in the errors there
         beyond = np.maximum(bells.missed(views, along) - self.missed[b], 0.0)
         unsure = (self.amplitude[b] / self.scale[b]) ** 2 * beyond
-        return along @ bells.weights, max(self.lasting[b] / problem.spacing, 1.0) * (1.0 + unsure)
+        wider = max(self.lasting[b] / problem.spacing, 1.0) * (1.0 + unsure)
+        return along @ bells.weights, wider, bells.steady(along)
 
     def taken_off(self, problem: Problem, modes: Array | None = None) -> Problem:
         """Return the problem that asks for what has changed, for any width of the windows.
@@ -163,8 +167,8 @@ class HealthyDrive:
     def _beside_healthy(
         self, problem: Problem, modes: Array, learned: Array, model: ResidualModel, patterns: Patterns, healthy: Array
     ) -> Problem:
-        """Return the problem less what a healthy engine leaves, (2, B, K), with these unknowns of engine and errors."""
-        (expected, wider), q = healthy, len(problem.model.names)
+        """Return the problem less what a healthy engine leaves, as `expected` has it, with these unknowns of engine and errors."""
+        (expected, wider, steady), q = healthy, len(problem.model.names)
 
         def again() -> Problem:
             wide = self._where_known(problem.wider())
@@ -177,7 +181,7 @@ class HealthyDrive:
             prior=replace(problem.prior, sensitivity=problem.prior.sensitivity @ modes),
             of_map=self.of_map,
             offset=problem.offset - expected,
-            left=expected,
+            left=steady,
             learned=learned,
             bounded=True,
             lasting=problem.lasting * wider,

@@ -132,7 +132,7 @@ def beyond_noise(gradient: Array, information: Array) -> tuple[Array, Array]:
     n, pooled = tells.sum(0), thresholds.POOLED
     common = max(float(beyond.sum() / max(n.sum(), 1)), 0.0)
     own = np.maximum(beyond.sum(0) / np.maximum(n, 1), 0.0)
-    found = (n * own + pooled * common) / (n + pooled)
+    found = np.maximum(own, (n * own + pooled * common) / (n + pooled))
     return np.sqrt(found * (1.0 / known).sum(0) / np.maximum(n, 1)), found
 
 

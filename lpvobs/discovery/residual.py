@@ -50,7 +50,7 @@ class Problem(Places):
     seeming: Seeming = field(default_factory=Seeming)
     # by channel, the derivatives of what a healthy engine leaves by its value and by its rate, (B, K)
     follows: Mapping[str, tuple[Array, Array]] = field(default_factory=dict)
-    left: Array | None = None  # (B, K) beside a healthy drive, what a healthy engine leaves
+    left: Array | None = None  # (B, K) beside a healthy drive, what a healthy engine leaves where nothing changes
     # (q, m) beside a healthy drive, combinations of the engine's unknowns: their sizes are the unknowns then
     modes: Array | None = None
     # (m, B, 2K) beside a healthy drive, derivatives of what a healthy engine leaves by these sizes

@@ -112,18 +112,18 @@ def select(problem: Problem, progress: Callable[[float], None] = lambda _: None)
     final, search = _sized(search)
     bare = _bare(final)
     effects = _finished(final, bare, search, rivals.as_good if search.accepted is named else ())
-    small = any(is_small(term, problem) for term in final.terms)
-    if small or not all(map(says_something, effects)):  # once all data tell
+    small, told = any(is_small(term, problem) for term in final.terms), min([nothing, *(e.p_value for e in effects)])
+    by_chance = learned and len(effects) and told >= thresholds.SIGNIFICANT_LEARNED
+    if small or by_chance or not all(map(says_something, effects)):  # once all data tell
         search = _nameless(search, unnamed, search.accepted)
         final = bare = _with_all(search.linear)
-        effects = ()
-    nothing = min([nothing, *(effect.p_value for effect in effects)])
+        effects, told = (), nothing
     losses = compare(_bare(search.linear), search.linear)
     forget()
     progress(1.0)
     ranking, leading = (_each_once(found) for found in (search.ranking, (*search.on_the_way, *search.ranking)))
     needed = drives_needed(tried, problem) if search.verdict == "none" else None
-    return Selection(search.verdict, effects, bare, final, losses, ranking, nothing, leading, needed)
+    return Selection(search.verdict, effects, bare, final, losses, ranking, told, leading, needed)
 
 
 def _finished(final: Linear, bare: Linear, search: _Search, as_good: tuple[Effect, ...]) -> tuple[Accepted, ...]:
