@@ -93,6 +93,15 @@ def test_the_function_goes_along_with_a_corrected_channel(healthy, plant, config
     assert not moved(problem, problem.signals).any()
 
 
+def test_what_is_left_where_nothing_changes_is_the_function_without_its_lines():
+    """A slope over the rate of the turbine's speed seemed to be a turbine of another efficiency in every transient."""
+    bells = Bells(np.array([[0.0], [1.0]]), np.ones(1), np.array([2.0, -1.0, 5.0]), *[np.zeros(0)] * 2)
+    along = bells.along(np.array([[0.3, 0.0], [0.3, 4.0]]))  # one channel, and one rate
+    still, moving = bells.steady(along)
+    assert still == moving == pytest.approx(2.0 * np.exp(-0.045) - np.exp(-0.245))
+    assert (along @ bells.weights)[1] == pytest.approx(moving + 20.0)
+
+
 def test_a_fault_changes_the_turbine_that_healthy_drives_show(laid_out, plant, clean):
     """A turbine that gives 0.7 of its model's power loses a tenth of that, not of the model's."""
     laid, effect = laid_out(clean), plant.effect("turbine.efficiency")

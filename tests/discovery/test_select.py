@@ -295,19 +295,22 @@ def test_what_all_data_show_to_be_too_small_for_a_fault_does_not_stand_beside_on
 
 
 @pytest.mark.parametrize(
-    ("small", "something", "nothing", "verdict"),
+    ("small", "something", "nothing", "p_value", "verdict"),
     [
-        (False, True, 1e-9, "effect"),
-        (True, True, 1e-9, "unexplained"),
-        (True, True, 0.5, "none"),
-        (False, False, 1e-9, "unexplained"),
+        (False, True, 1e-9, 1e-12, "effect"),
+        (True, True, 1e-9, 1e-12, "unexplained"),
+        (True, True, 0.5, 1e-12, "none"),
+        (False, False, 1e-9, 1e-12, "unexplained"),
+        (False, True, 0.5, 0.12, "none"),  # the stretches that were kept make it chance
     ],
 )
-def test_a_name_that_all_data_show_to_be_small_or_one_of_many_is_none(monkeypatch, small, something, nothing, verdict):
+def test_a_name_that_all_data_show_to_be_small_or_chance_or_one_of_many_is_none(
+    monkeypatch, small, something, nothing, p_value, verdict
+):
     """Half a per cent of a pressure, and a shaft's speed 0.2 % too low at the end of a drive, were no faults."""
     problem = SimpleNamespace(patterns=(1,))
     found = SimpleNamespace(problem=problem, terms=())
-    named = SimpleNamespace(id="p_em.gain", p_value=1e-12)
+    named = SimpleNamespace(id="p_em.gain", p_value=p_value)
     for name, value in (
         ("_search", select._Search("effect", [named], found, found, [named])),
         ("_forms_of", []),
@@ -325,7 +328,7 @@ def test_a_name_that_all_data_show_to_be_small_or_one_of_many_is_none(monkeypatc
         monkeypatch.setattr(select, name, lambda *_, value=value, **__: value)
     chosen = select.select(problem)
     assert chosen.verdict == verdict
-    assert chosen.p_value == (1e-12 if verdict == "effect" else nothing)
+    assert chosen.p_value == (p_value if verdict == "effect" else nothing)
     assert chosen.needed == (("p_em.gain", 9) if verdict == "none" else None)
     assert chosen.accepted == ((named,) if verdict == "effect" else ())
     assert named in chosen.leading  # what it would have been
