@@ -25,7 +25,8 @@ CHANNELS = ("n_e", "u_delta", "u_egr", "u_vgt", "p_im", "p_em", "omega_t", "T_im
 RESTRICTED = 0.5
 """Change of the back pressure's coefficient from which on its solution counts in full; without one, three passes are near."""
 OTHER = (0.5, 2.0)
-"""Least and largest area of a turbine over that of its model, as what a healthy engine leaves tells it."""
+"""Least and largest area and power of a turbine over those of its model, as what a healthy engine leaves tells them. On idle a
+balance leaves more than all that the turbine gives."""
 POWER = 1.0e5  # [J/kg] Turns a power into a flow, so that all balances are in kg/s
 
 
@@ -110,8 +111,9 @@ def turbine(c: DieselConstants, k_exhaust: Array, x: Array, wider: Array) -> tup
 def left_by_turbine(c: DieselConstants, x: Array, lacks: Array, left: Array) -> Array:
     """Return how what a healthy engine leaves, `left`, changes with what the engine lacks, shape (4, K) [kg/s].
 
-    What the exhaust leaves is a turbine that swallows more or less than its model, what the turbo leaves is one that turns more or
-    less of it into power. A fault changes that turbine.
+    A fault changes the turbine that healthy drives show. What the exhaust leaves counts as the flow that it swallows beyond its
+    model, what the turbo leaves as the power that it lacks. That is an assumption: the flows of cylinders, EGR and compressor
+    have balances of their own, the compressor's power has none.
     """
     T_em, omega_t, K = x[8], x[6], x.shape[1]
     out, wider = np.zeros((4, K)), np.empty(K)
