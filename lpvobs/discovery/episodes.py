@@ -10,13 +10,15 @@ from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.residual import are_apart
 from lpvobs.discovery.thresholds import TIE
 
+Model = tuple[Linear, tuple[Candidate, ...]]
+"""A model, and what was accepted of it."""
 
-def in_episodes(
-    linear: Linear, accepted: tuple[Candidate, ...], further: Candidate
-) -> tuple[Linear, tuple[Candidate, ...]] | None:
+
+def in_episodes(linear: Linear, accepted: tuple[Candidate, ...], further: Candidate) -> Model | None:
     """Return the model with one effect in several episodes instead of an accepted one and a further one at another time.
 
-    It is the accepted one, or the further one if both have one place; None where there is none, or it has been in them before.
+    It is the accepted one, or the further one if both have one place; or the same effect acts then alone. None where there is none,
+    or it has been in its episodes before.
     Without healthy drives, what comes and goes like that may be any disturbance.
     """
     if not len(linear.problem.patterns):
@@ -26,26 +28,24 @@ def in_episodes(
         if not (same or are_apart(term, further.term)):
             continue
         tried = [_with_episodes(linear, i, own) for own in ((candidate, further) if same else (candidate,))]
-        found = [each for each in (*tried, _in_place_of(linear, i, further)) if each is not None]
+        found = [each for each in (*tried, _moved(linear, i, further)) if each is not None]
         if found:
             again, own = min(found, key=lambda each: objective(each[0]))
             return choose_all_again(again, (*accepted[:i], in_place(again, i, own), *accepted[i + 1 :]))
     return None
 
 
-def _in_place_of(linear: Linear, i: int, further: Candidate) -> tuple[Linear, Candidate] | None:
+def shorter(longer: Model, episodes: Model | None) -> Model:
+    """Return the model with an effect in episodes, if it leaves no more than the one with a further effect does."""
+    return longer if episodes is None or objective(episodes[0]) > objective(longer[0]) + TIE else episodes
+
+
+def _moved(linear: Linear, i: int, further: Candidate) -> tuple[Linear, Candidate] | None:
     """Return the model with an effect at another time than it was accepted at, if it leaves less: beside others it acts then."""
     if further.id != linear.terms[i].effect.id:
         return None
     moved = fit(linear.problem, [*linear.terms[:i], further.term, *linear.terms[i + 1 :]], start=linear)
     return (moved, further) if objective(moved) < objective(linear) - TIE else None
-
-
-def shorter(
-    longer: tuple[Linear, tuple[Candidate, ...]], episodes: tuple[Linear, tuple[Candidate, ...]] | None
-) -> tuple[Linear, tuple[Candidate, ...]]:
-    """Return the model with an effect in episodes, if it leaves no more than the one with a further effect does."""
-    return longer if episodes is None or objective(episodes[0]) > objective(longer[0]) + TIE else episodes
 
 
 def _with_episodes(linear: Linear, i: int, own: Candidate) -> tuple[Linear, Candidate] | None:

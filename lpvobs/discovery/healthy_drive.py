@@ -118,9 +118,9 @@ class HealthyDrive:
             yield along
 
     def expected(self, problem: Problem) -> Array:
-        """Return what a healthy engine leaves [kg/s], now and where nothing changes, and the variance of its errors, (3, B, K).
+        """Return what a healthy engine leaves [kg/s], the same where nothing changes, and the variance of its errors, (3, B, K).
 
-        They stand first and last. The variance of the errors beyond is in that of white noise.
+        The variance of the errors beyond is in that of white noise.
         """
         views, each = self.inputs(problem), enumerate(self.along(problem))
         return np.array([self._expected(problem, views, along, b) for b, along in each]).swapaxes(0, 1)
@@ -131,7 +131,7 @@ class HealthyDrive:
         beyond = np.maximum(bells.missed(views, along) - self.missed[b], 0.0)
         unsure = (self.amplitude[b] / self.scale[b]) ** 2 * beyond
         wider = max(self.lasting[b] / problem.spacing, 1.0) * (1.0 + unsure)
-        return along @ bells.weights, wider, bells.steady(along)
+        return along @ bells.weights, bells.steady(along), wider
 
     def taken_off(self, problem: Problem, modes: Array | None = None) -> Problem:
         """Return the problem that asks for what has changed, for any width of the windows.
@@ -143,9 +143,9 @@ class HealthyDrive:
         views, each, slow = self.inputs(problem), [], []
         for b, along in enumerate(self.along(problem)):
             each.append(self._expected(problem, views, along, b))
-            slow.append(self._slow(problem, along, b, each[b][1]))
+            slow.append(self._slow(problem, along, b, each[b][-1]))
         expected = np.array(each).swapaxes(0, 1)
-        modes = self._shown_modes(problem, answers - learned, expected[1]) if modes is None else modes
+        modes = self._shown_modes(problem, answers - learned, expected[-1]) if modes is None else modes
         model = _in_modes(problem.model, modes, answers - learned)
         learned = np.tensordot(modes[: len(learned)].T, learned, 1)
         return self._beside_healthy(problem, modes, learned, model, Patterns(tuple(slow)), expected)
@@ -168,7 +168,7 @@ class HealthyDrive:
         self, problem: Problem, modes: Array, learned: Array, model: ResidualModel, patterns: Patterns, healthy: Array
     ) -> Problem:
         """Return the problem less what a healthy engine leaves, as `expected` has it, with these unknowns of engine and errors."""
-        (expected, wider, steady), q = healthy, len(problem.model.names)
+        (expected, steady, wider), q = healthy, len(problem.model.names)
 
         def again() -> Problem:
             wide = self._where_known(problem.wider())

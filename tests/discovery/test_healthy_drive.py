@@ -633,7 +633,7 @@ def test_fast_errors_last_as_long_at_any_spacing(laid_out, clean, healthy):
     assert found[0] > 10.0 * problem.spacing
     assert found[1] == pytest.approx(found[0], rel=0.25)
     far = replace(problem, time=4.0 * problem.time)
-    (_, near_wider, _), (_, far_wider, _) = (healthy.expected(each) for each in (problem, far))
+    (*_, near_wider), (*_, far_wider) = (healthy.expected(each) for each in (problem, far))
     fast = [np.maximum(healthy.lasting / each.spacing, 1.0)[:, None] for each in (problem, far)]
     np.testing.assert_allclose(far_wider / fast[1], near_wider / fast[0])
 
@@ -725,7 +725,7 @@ def test_a_healthy_engine_is_a_function_of_how_warm_it_is(plant, config, prior, 
         lay_out(plant, config.grid(), prior, [warming(begin, end, 2)])
         for begin, end in ((320.0, 360.0), (270.0, 300.0))
     )
-    (_, known, _), (_, unknown, _) = (shown.expected(each)[:, sensor] for each in (alike, cold))
+    (*_, known), (*_, unknown) = (shown.expected(each)[:, sensor] for each in (alike, cold))
     assert np.all(np.median(unknown, axis=1) > (2.0, 3.0) * np.median(known, axis=1))  # the cylinders breathe otherwise
     without = replace(alike, auxiliary={})  # a log that lacks it is taken for one as warm as usual
     assert np.isfinite(shown.expected(without)).all()

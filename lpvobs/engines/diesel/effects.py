@@ -115,28 +115,32 @@ def left_by_turbine(c: DieselConstants, x: Array, lacks: Array, left: Array) -> 
     model, what the turbo leaves as the power that it lacks. That is an assumption: the flows of cylinders, EGR and compressor
     have balances of their own, the compressor's power has none.
     """
-    T_em, omega_t, K = x[8], x[6], x.shape[1]
-    out, wider = np.zeros((4, K)), np.empty(K)
-    W_t, Pi_t = turbine(c, np.full(K, c.k_exhaust), x, np.ones(K))
+    K = x.shape[1]
+    out, wider, as_modelled, clean = np.zeros((4, K)), np.empty(K), np.ones(K), np.full(K, c.k_exhaust)
+    restricted = c.k_exhaust * lacks[6]
+    W_t, P_t = flow_and_power(c, clean, x, as_modelled)
     for k in range(K):
         wider[k] = min(max(1.0 + left[2, k] / W_t[k], OTHER[0]), OTHER[1]) if W_t[k] > 0.0 else 1.0
-    (W_own, Pi_own), (W_now, Pi_now) = (
-        turbine(c, np.full(K, c.k_exhaust), x, wider),
-        turbine(c, c.k_exhaust * lacks[6], x, wider),
-    )
-    W_lacking, Pi_lacking = turbine(c, c.k_exhaust * lacks[6], x, np.ones(K))
+    (W_own, P_own), (W_now, P_now) = flow_and_power(c, clean, x, wider), flow_and_power(c, restricted, x, wider)
+    W_lacking, P_lacking = flow_and_power(c, restricted, x, as_modelled)
     for k in range(K):
         flow = W_now[k] / W_own[k] if W_own[k] > 0.0 else 1.0
-        own = relation.turbine_power(c, W_own[k], Pi_own[k], omega_t[k], T_em[k])
-        now = relation.turbine_power(c, W_now[k], Pi_now[k], omega_t[k], T_em[k])
-        power = now / own if own > 0.0 else 1.0
-        model = relation.turbine_power(c, W_t[k], Pi_t[k], omega_t[k], T_em[k])
-        lacking = relation.turbine_power(c, W_lacking[k], Pi_lacking[k], omega_t[k], T_em[k])
-        out[2, k] = W_t[k] * (1.0 + wider[k] * (flow - 1.0)) - W_lacking[k]
-        healthy = min(max(model - POWER * left[3, k], OTHER[0] * model), OTHER[1] * model)
+        power = P_now[k] / P_own[k] if P_own[k] > 0.0 else 1.0
+        healthy = min(max(P_t[k] - POWER * left[3, k], OTHER[0] * P_t[k]), OTHER[1] * P_t[k])
         change = healthy * (lacks[5, k] * power - 1.0)
-        out[3, k] = (lacks[5, k] * lacking - model - change) / POWER
+        out[2, k] = W_t[k] * (1.0 + wider[k] * (flow - 1.0)) - W_lacking[k]
+        out[3, k] = (lacks[5, k] * P_lacking[k] - P_t[k] - change) / POWER
     return out
+
+
+@njit(cache=True)
+def flow_and_power(c: DieselConstants, k_exhaust: Array, x: Array, wider: Array) -> tuple[Array, Array]:
+    """Return W_t [kg/s] and the turbine's power [W], shape (K,), as `turbine` does."""
+    W_t, Pi_t = turbine(c, k_exhaust, x, wider)
+    P_t = np.empty(W_t.size)
+    for k in range(W_t.size):
+        P_t[k] = relation.turbine_power(c, W_t[k], Pi_t[k], x[6, k], x[8, k])
+    return W_t, P_t
 
 
 @njit(cache=True)
