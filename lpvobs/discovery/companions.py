@@ -59,9 +59,8 @@ def _is_of_its_own(linear: Linear, newest: Candidate, gained: float) -> bool:
     effects = [term.effect for term in linear.terms]
     # a channel or a formula has the shape that came first, no cause's own
     shapeless = any(effects[i].id.startswith((CHANNEL, PREFIX)) for i in others)
-    here = [
-        effects[i] for i in others if effects[i].place == effects[last].place and effects[i].late == effects[last].late
-    ]
+    place = [(effect.place, effect.late) for effect in effects]
+    here = any(place[i] == place[last] and _same_time(linear.terms[i], linear.terms[last]) for i in others)
     if shapeless or here:
         matters = gained > thresholds.SHAPE**2 * (_gained(refit(linear, ()), linear)[0] - gained)
         if shapeless or not matters:

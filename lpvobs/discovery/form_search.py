@@ -23,6 +23,7 @@ from lpvobs.engines.effects import SENSOR, Effect
 from lpvobs.records import Array
 
 COARSE_STEPS = (0.7, 0.84, 1.19, 1.41)
+SINGULAR = 1e-9  # [1] determinant of scaled products from which their inverse is right to six digits
 FINE_STEPS = (0.92, 0.96, 1.04, 1.08)  # factors on the lag of a form that are tried around the best one
 LEAST = float(np.sqrt(np.finfo(float).tiny))  # [1] of a channel over its mean, so that it divides others
 
@@ -37,37 +38,59 @@ class _Lot:
     columns: Array  # (P, q) with the unknowns beside the map
     nodes: "scipy.sparse.csr_array"  # (P, p) with the map
 
-    def gains(self, y: Array, shapes: Array) -> tuple[Array, Array, Array]:
-        """Return the gain of every shape times y, shape (M,), the gain of the shape less its best reference, and that reference."""
-        slope, left, cross, both = self._against(y, shapes)
+    def gains(self, bases: Array, shapes: Array) -> tuple[Array, Array, Array]:
+        """Return the gain of every shape times the first of n bases by itself, and with a reference for each base, and these.
+
+        That is (M,) twice, and (n, M): a base times its reference is taken off the product.
+        """
+        middle = shapes.mean(1)
+        slope, gram, own = self._against(bases, shapes - middle[:, None])
+        n = len(bases)
+        alone = slope[n:] + middle * slope[0]
+        left = _seen(*(x[n:, n:].diagonal() + 2.0 * middle * x[0, n:] + middle**2 * x[0, 0] for x in (gram, own)))
+        taken, steep, free = _beside(slope, gram, own, n)
+        size = -steep / free
         with np.errstate(divide="ignore", invalid="ignore"):
-            shape, constant = cross * slope[0] - left[0] * slope[1:], cross * slope[1:] - left[1:] * slope[0]
-            referred = -0.5 * (slope[1:] * shape + slope[0] * constant) / both
-            return 0.5 * slope[1:] ** 2 / left[1:], np.nan_to_num(referred), np.nan_to_num(-constant / shape)
+            references = (taken[:, :1] + taken[:, 1:] * size) / size
+            references[0] += middle
+            gain = np.where(np.isfinite(references).all(0), 0.5 * (slope[:n] @ taken[:, 0] + steep**2 / free), 0.0)
+            return 0.5 * alone**2 / left, gain, np.nan_to_num(references)
 
     def beside(self, y: Array, shapes: Array) -> Array:
         """Return every shape times y beside y, (M,), in standard deviations of noise; NaN where the drive cannot tell them."""
-        slope, left, cross, both = self._against(y, shapes)
-        with np.errstate(invalid="ignore"):
-            found = (left[0] * slope[1:] - cross * slope[0]) / np.sqrt(left[0] * both)
-        return np.where(np.isfinite(both), found, np.nan)
+        _, steep, free = _beside(*self._against(y[None], shapes - shapes.mean(1, keepdims=True)), 1)
+        return np.where(np.isfinite(free), steep / np.sqrt(free), np.nan)
 
-    def _against(self, y: Array, shapes: Array) -> tuple[Array, Array, Array, Array]:
-        """Return slopes and information of y and of every shape times y, (1 + M,), their products, (M,), and determinants.
+    def _against(self, bases: Array, shapes: Array) -> tuple[Array, Array, Array]:
+        """Return slopes of n bases and of every shape times the first, (n + M,), and products of the bases and these with all.
 
-        Information and determinants are infinite where the drive cannot tell the direction.
+        That is the products beside all unknowns, and before, (n + M, n + M); of two shapes only with themselves.
         """
-        rows = np.vstack([y, shapes * y])
+        rows, n = np.vstack([bases, shapes * bases[0]]), len(bases)
         products = np.hstack([self.nodes.T.dot(rows.T).T, rows @ self.columns])
         white = scipy.linalg.solve_triangular(self.linear.factor, products.T, lower=True, check_finite=False)
         slope = rows @ self.residual - products @ self.linear.newton_step
-        own = rows**2 @ self.power
-        left = own - (white**2).sum(0)
-        left = np.where(left > thresholds.FORM_SEEN * np.abs(own), left, np.inf)
-        cross = rows[1:] * y @ self.power - white[:, 1:].T @ white[:, 0]
-        with np.errstate(invalid="ignore"):
-            both = left[1:] * left[0] - cross**2
-            return slope, left, cross, np.where(both > thresholds.FORM_SEEN * left[1:] * left[0], both, np.inf)
+        own = np.diag(rows**2 @ self.power)
+        own[:n] = (bases * self.power) @ rows.T
+        taken = np.diag((white**2).sum(0))
+        taken[:n] = white[:, :n].T @ white
+        return slope, own - taken, own
+
+
+def _seen(left: Array, own: Array) -> Array:
+    """Return the information of directions beside others, infinite where the drive cannot tell them."""
+    return np.asarray(np.where(left > thresholds.FORM_SEEN * np.abs(own), left, np.inf))
+
+
+def _beside(slope: Array, gram: Array, own: Array, n: int) -> tuple[Array, Array, Array]:
+    """Return what n bases take: their steps alone and for every product, (n, 1 + M), slopes and information that are left, (M,)."""
+    known, cross, left = gram[:n, :n], gram[:n, n:], gram[n:, n:].diagonal()
+    scale = np.sqrt(_seen(known.diagonal(), own.diagonal()[:n]))
+    if not (np.isfinite(scale).all() and np.linalg.det(known / np.outer(scale, scale)) > SINGULAR):
+        return np.zeros((n, 1 + left.size)), np.zeros(left.size), np.full(left.size, np.inf)
+    taken = np.asarray(np.linalg.solve(known, np.column_stack([slope[:n], cross])), dtype=float)
+    steep, free = slope[n:] - taken[:, 0] @ cross, left - (cross * taken[:, 1:]).sum(0)
+    return taken, np.asarray(steep), _seen(free, left)
 
 
 @dataclass(frozen=True)
@@ -100,24 +123,35 @@ class _Products:
         return np.asarray(np.log(self.count) + (unknowns - 1) * each)
 
     def best(self, lot: _Lot, start: Form, most: int = thresholds.FORM_RIVALS) -> list[_Tried]:
-        """Return the best forms that have one factor more, with or without a reference, each of another signal."""
-        y = _along_pools(replace(start, target=""), self.problem, self.first)
-        plain, referred, references = lot.gains(y, self.shapes)
+        """Return the best forms that have one factor more, with or without a reference, each of another signal.
+
+        A product may have a reference of its own. Where its last factor's is so far away that the drive hardly tells it, it pays
+        for the distance, in `FORM_REACH`.
+        """
+        bases = [start, Form(start.target, start.factors[: start.relative])]
+        along = np.stack([_along_pools(replace(base, target=""), self.problem, self.first) for base in bases])
         middle, spread = self.shapes.mean(1), self.shapes.std(1)
         unknowns = np.array([replace(start, factors=(*start.factors, factor)).unknowns for factor in self.factors])
-        lasts = np.array([factor.of != "rate" for factor in self.factors])
-        far = np.abs(references - middle) > thresholds.FORM_REACH * spread
-        scores = np.stack([plain - self.price(unknowns, plain), referred - self.price(unknowns + 1, referred)], axis=1)
-        scores[far | ~lasts, 1] = -np.inf
+        # alone, less a reference, and a product less one of its own, too
+        each = [lot.gains(along[:n], self.shapes) for n in ((1, 2) if len(start.factors) > start.relative else (1,))]
+        gains = [each[0][0], *(gain for _, gain, _ in each)]
+        references = [np.zeros((1, middle.size)), *(reference for *_, reference in each)]
+        scores = np.stack([gain - self.price(unknowns + i, gain) for i, gain in enumerate(gains)], axis=1)
+        away = [np.abs(own[0] - middle) / (thresholds.FORM_REACH * spread) for own in references]
+        scores[away[1] > 1.0, 1] = -np.inf
+        scores[:, 2:] -= np.log(np.maximum(np.transpose(away[2:]), 1.0)).reshape(middle.size, -1)
+        scores[[factor.of == "rate" for factor in self.factors], 1:] = -np.inf
         scores[spread < thresholds.FORM_FLAT * np.abs(middle), 0] = -np.inf
         if Factor(start.target) in self.factors and not start.factors:  # a share of the reading, which `alone` judges
             scores[self.factors.index(Factor(start.target)), 0] = -np.inf
         found: dict[str, _Tried] = {}
         for at in np.argsort(scores, axis=None)[::-1]:
-            i, with_reference = divmod(int(at), 2)
-            reference = float(f"{references[i]:.4g}") if with_reference else 0.0
-            factors = (*start.factors, replace(self.factors[i], reference=reference))
-            tried = _Tried(float(scores[i, with_reference]), replace(start, factors=factors), lot)
+            i, many = divmod(int(at), len(gains))
+            own, *whole = (float(f"{number:.4g}") for number in references[many][:, i])
+            form = replace(
+                start, factors=(*start.factors, replace(self.factors[i], reference=own)), reference=sum(whole)
+            )
+            tried = _Tried(float(scores[i, many]), form, lot)
             found.setdefault(self.factors[i].signal, tried)
             if len(found) == most:
                 break
@@ -131,7 +165,7 @@ class _Products:
         if form.target in listed:
             return _Tried(-np.inf, form, lot)
         y = _along_pools(replace(form, target=""), self.problem, self.first)
-        gain = float(lot.gains(y, np.ones((1, y.size)))[0][0])
+        gain = float(lot.gains(y[None], np.ones((1, y.size)))[0][0])
         return _Tried(gain - float(self.price(form.unknowns, gain)), form, lot)
 
 
@@ -226,7 +260,7 @@ def _plainest(tried: Sequence[_Tried]) -> list[_Tried]:
 def _refined(linear: Linear, library: _Products, form: Form) -> _Tried:
     """Return a form with its lag sought more finely, and the reference that goes with it, at every place."""
     each = replace(library, first=np.arange(linear.problem.K))
-    lot, start = _lot(linear, Form(form.target), each.first), replace(form, factors=form.factors[:-1])
+    lot, start = _lot(linear, Form(form.target), each.first), Form(form.target, form.factors[:-1])
     best = replace(each, factors=(replace(form.factors[-1], reference=0.0),)).best(lot, start)[0]
     for steps in (COARSE_STEPS, FINE_STEPS) if form.factors[-1].of == "lag" else ():
         last = best.form.factors[-1]

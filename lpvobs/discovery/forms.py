@@ -1,8 +1,9 @@
 """Formulas for what has no name: a reading, or a part of the engine, follows a product of signals. A sparse search finds them.
 
 A form says what is off, and what that is proportional to: at most two factors beside the channel itself, each a logged channel, a
-ratio of two of one unit, its rate or its first-order lag, less a reference. `form:W_maf ~ W_maf * (lag(T_amb, 30 s) - 298 K)` is
-an identifier, and all that is needed to build the form again. Its coefficient is fitted and judged like the size of any effect.
+ratio of two of one unit, its rate or its first-order lag, less a reference. The product of two may have a reference of its own.
+`form:W_maf ~ W_maf * (lag(T_amb, 30 s) - 298 K)` is an identifier, and all that is needed to build the form again, as is
+`form:W_maf ~ W_maf * [humidity * (T_amb - 273 K) - 940 % K]`. Its coefficient is fitted and judged like the size of any effect.
 """
 
 import re
@@ -30,6 +31,7 @@ FACTOR = re.compile(
     r"(?P<open>\()?(?:d\((?P<rate>[\w./]+)\)/dt|lag\((?P<lag>[\w./]+), (?P<tau>\S+) s\)|(?P<value>[\w./]+))"
     r"(?(open) (?P<sign>[+-]) (?P<reference>[^\s)]+)(?: [^)]+)?\))"
 )
+PRODUCT = re.compile(r"\[(?P<product>.+) (?P<sign>[+-]) (?P<reference>[^\s\]]+)(?: [^\]]+)?\]")  # less a reference
 Recorded = Callable[[str], Array]
 
 
@@ -45,10 +47,11 @@ class Factor:
     def text(self, units: Mapping[str, str]) -> str:
         """Return it as in an identifier."""
         plain = {"rate": f"d({self.signal})/dt", "lag": f"lag({self.signal}, {self.tau:g} s)"}.get(self.of, self.signal)
-        if not self.reference:
-            return plain
-        unit = "" if unit_of(self.signal, units) == "1" else f" {unit_of(self.signal, units)}"
-        return f"({plain} {'-' if self.reference > 0 else '+'} {abs(self.reference):.4g}{unit})"
+        return f"({plain} {_less(self.reference, self.unit(units))})" if self.reference else plain
+
+    def unit(self, units: Mapping[str, str]) -> str:
+        """Return the unit of its values."""
+        return unit_of(self.signal, units) + ("/s" if self.of == "rate" else "")
 
     def along(self, recorded: Recorded, time: Array) -> Array:
         """Return its values at rising times of one log [s], averaged over a second."""
@@ -69,6 +72,7 @@ class Form:
 
     target: str
     factors: tuple[Factor, ...] = ()
+    reference: float = 0.0  # of the product of all factors but the channel itself
 
     @cached_property
     def relative(self) -> bool:
@@ -77,25 +81,38 @@ class Form:
 
     def id(self, units: Mapping[str, str]) -> str:
         """Return the identifier."""
-        return f"{PREFIX}{self.target} ~ {' * '.join(factor.text(units) for factor in self.factors) or '1'}"
+        texts = [factor.text(units) for factor in self.factors]
+        if self.reference:
+            less = _less(self.reference, self.unit_of_product(units))
+            texts = [*texts[: self.relative], f"[{' * '.join(texts[self.relative :])} {less}]"]
+        return f"{PREFIX}{self.target} ~ {' * '.join(texts) or '1'}"
+
+    def unit_of_product(self, units: Mapping[str, str]) -> str:
+        """Return the unit of the product of its factors, without the reading itself."""
+        each = [factor.unit(units) for factor in self.factors[self.relative :]]
+        return " ".join(unit for unit in each if unit != "1") or "1"
 
     @property
     def unknowns(self) -> int:
         """What the data must pay for: the coefficient, every factor, and every reference and lag."""
         own = self.factors[self.relative :]
-        return 1 + sum(1 + (f.reference != 0.0) + (f.of != "value") + ("/" in f.signal) for f in own)
+        return (
+            1
+            + (self.reference != 0.0)
+            + sum(1 + (f.reference != 0.0) + (f.of != "value") + ("/" in f.signal) for f in own)
+        )
 
     def along(self, recorded: Recorded, time: Array) -> Array:
-        """Return the product of its factors, without the reading itself, at rising times of one log, shape (N,)."""
+        """Return the product of its factors less its reference, without the reading itself, at rising times of one log, (N,)."""
         each = [f.along(recorded, time) for f in self.factors[self.relative :]]
-        return np.asarray(np.prod([np.ones(time.size), *each], axis=0))
+        return np.asarray(np.prod([np.ones(time.size), *each], axis=0) - self.reference)
 
     def unit(self, model: ResidualModel) -> str:
         """Return the unit of its coefficient, which makes the product one of the target's unit."""
         catalogued = model.effect(self.target)
         unit = catalogued.unit if catalogued else "1" if self.relative else unit_of(self.target, model.units)
         for factor in self.factors[self.relative :]:
-            each = unit_of(factor.signal, model.units) + ("/s" if factor.of == "rate" else "")
+            each = factor.unit(model.units)
             over = each if re.fullmatch(r"\w+", each) else f"({each})"
             unit = "1" if each == unit else unit if each == "1" else f"{unit}/{over}"
         return unit
@@ -160,15 +177,23 @@ def rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
+def _less(reference: float, unit: str) -> str:
+    """Return the end of what is less a reference, in an identifier."""
+    return f"{'-' if reference > 0 else '+'} {abs(reference):.4g}" + ("" if unit == "1" else f" {unit}")
+
+
+def _reference(found: re.Match[str]) -> float:
+    return float(found["reference"] or 0.0) * (-1.0 if found["sign"] == "+" else 1.0)
+
+
 def parsed(id_: str) -> Form:
     """Return the form of an identifier."""
     target, _, product = id_.removeprefix(PREFIX).partition(" ~ ")
-    factors = []
-    for found in FACTOR.finditer("" if product == "1" else product):
+    whole, factors = PRODUCT.search(product), []
+    for found in FACTOR.finditer("" if product == "1" else PRODUCT.sub(r"\g<product>", product)):
         of = next(name for name in ("rate", "lag", "value") if found[name])
-        reference = float(found["reference"] or 0.0) * (-1.0 if found["sign"] == "+" else 1.0)
-        factors.append(Factor(found[of], of, float(found["tau"] or 0.0), reference))
-    return Form(target, tuple(factors))
+        factors.append(Factor(found[of], of, float(found["tau"] or 0.0), _reference(found)))
+    return Form(target, tuple(factors), _reference(whole) if whole else 0.0)
 
 
 def cause_of(id_: str) -> tuple[str, frozenset[str]]:

@@ -1,12 +1,13 @@
 """What an effect has inside beside its size: the lag and the reference of a form, the constant of an effect of the catalogue."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
 from lpvobs.discovery import thresholds
 from lpvobs.discovery.fit import change_between, objective, with_term
-from lpvobs.discovery.forms import PREFIX, Factor, along_problem, parsed, unit_of
+from lpvobs.discovery.forms import PREFIX, Factor, Form, along_problem, parsed
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.sizes import change_of, is_clear
 from lpvobs.discovery.thresholds import PASSES
@@ -58,19 +59,25 @@ def settled(linear: Linear, index: int) -> Linear:
 
 
 def _inside_form(linear: Linear, index: int) -> dict[str, tuple[float, str, Array]]:
-    """Return value, unit and derivative of the whitened residual of what a form has in its last factor."""
+    """Return value, unit and derivative of the whitened residual of what a form has in its last factor, and of its reference."""
     problem, term = linear.problem, linear.terms[index]
-    form = parsed(term.effect.id)
+    form, units = parsed(term.effect.id), problem.model.units
     last = form.factors[-1] if form.factors else Factor("")
-    units = {"reference": unit_of(last.signal, problem.model.units), "tau": "s"}
+
+    def with_last(factor: Factor) -> Form:
+        return replace(form, factors=(*form.factors[:-1], factor))
+
+    further: dict[str, tuple[float, str, Callable[[float], Form]]] = {
+        "reference": (last.reference, last.unit(units), lambda x: with_last(replace(last, reference=x))),
+        "tau": (last.tau, "s", lambda x: with_last(replace(last, tau=x))),
+        "of_product": (form.reference, form.unit_of_product(units), lambda x: replace(form, reference=x)),
+    }
     shape, found = along_problem(form, problem), {}
-    for name, unit in units.items():
-        value = getattr(last, name)
+    for name, (value, unit, moved) in further.items():
         if value:
-            moved = replace(form, factors=(*form.factors[:-1], replace(last, **{name: (1.0 + _STEP) * value})))
-            change = problem.over_columns((along_problem(moved, problem) - shape) / (_STEP * value))
-            further = form.effect(problem.model, change, term.effect.size)
-            slope = change_of(linear, further, thresholds.EFFECT_STEP * term.size) / thresholds.EFFECT_STEP
+            change = along_problem(moved((1.0 + _STEP) * value), problem) - shape
+            other = form.effect(problem.model, problem.over_columns(change / (_STEP * value)), term.effect.size)
+            slope = change_of(linear, other, thresholds.EFFECT_STEP * term.size) / thresholds.EFFECT_STEP
             found[name] = (value, unit, linear.whiten(slope * term.acts(problem.clock)))
     return found
 

@@ -6,11 +6,8 @@ from functools import cache
 from itertools import combinations
 from typing import Any
 
-import numpy as np
-
 from lpvobs.discovery import thresholds
 from lpvobs.discovery.companions import (
-    clear,
     has_other_cause,
     is_another_episode,
     is_remainder,
@@ -24,7 +21,7 @@ from lpvobs.discovery.episodes import in_episodes, shorter
 from lpvobs.discovery.evidence import Candidate, dated_again, fit_candidate
 from lpvobs.discovery.fit import fit, objective, refit, standard_errors, with_term, without
 from lpvobs.discovery.form_search import beside_forms, best_forms
-from lpvobs.discovery.forms import CHANNEL, PREFIX, have_a_cause, parsed
+from lpvobs.discovery.forms import CHANNEL, PREFIX, have_a_cause
 from lpvobs.discovery.held_out import Losses, compare, cross_validated
 from lpvobs.discovery.inside import settled
 from lpvobs.discovery.joint_choice import (
@@ -50,6 +47,7 @@ from lpvobs.discovery.ranking import (
     structure,
 )
 from lpvobs.discovery.residual import Problem, Term
+from lpvobs.discovery.rival_forms import Rivals, beside_names, follows_a_channel, in_place_of
 from lpvobs.discovery.sizes import forget
 from lpvobs.engines.effects import Effect
 
@@ -82,15 +80,6 @@ class _Search:
     ranking: Sequence[Candidate]
     on_the_way: Sequence[Candidate] = ()
     forms: tuple[Effect, ...] = ()  # that came near in the first round, each perhaps of another place
-
-
-@dataclass(frozen=True)
-class _Rivals:
-    """Formulas that explain the logs better than what was named, or no worse than several names do."""
-
-    best: Candidate | None = None
-    clearly: bool = False  # whether healthy drives tell that it explains clearly more, whatever the number of names
-    as_good: tuple[Effect, ...] = ()  # listed beside a single name: explain more by what further numbers cost
 
 
 def select(problem: Problem, progress: Callable[[float], None] = lambda _: None) -> Selection:
@@ -144,42 +133,12 @@ def _each_once(found: Sequence[Candidate]) -> tuple[Candidate, ...]:
     return tuple(first.values())
 
 
-def _rival_forms(search: _Search, once: Once) -> _Rivals:
-    """Return the formulas of the first round that rival what a search has named."""
-    listed, learned = search.accepted, len(search.first.problem.patterns) > 0
-    channels = [i for i, c in enumerate(listed) if c.id.startswith(CHANNEL)]  # have as free a shape as a formula has
-    if channels:
-        return _in_place_of(search.linear, listed, channels) if learned else _Rivals()
-    rivals = _forms_of(search, once)[: thresholds.SHORTLIST] if listed else ()
-    if not rivals:
-        return _Rivals()
-    left, each = objective(search.linear), [objective(refit(search.linear, [c.term])) for c in rivals]
-    best = rivals[int(np.argmin(each))]
-    if not learned:  # noise drops out of both, and what they leave can be compared
-        most = left * (thresholds.FORM_OVER_ONE if len(listed) == 1 else thresholds.FORM_OVER_MORE)
-        return _Rivals(best if min(each) < most else None)
-    as_good = _as_good(rivals, each, left) if len(listed) == 1 else ()
-    more = clear(objective(_bare(search.linear)) - left)
-    most = left + (len(listed) - 2) * thresholds.FORM_CLEAR
-    return _Rivals(best if min(each) < most else None, min(each) < left - more, as_good)
-
-
-def _in_place_of(linear: Linear, listed: Sequence[Candidate], channels: Sequence[int]) -> _Rivals:
-    """Return a formula that explains clearly more in place of a curve over a channel, the first one of the names that has such."""
-    left = objective(linear)
-    for i in channels:
-        bare = without(linear, i)
-        gain = objective(bare) - left
-        for form in best_forms(bare, [replace(listed[i], gain=gain)]):
-            if left - objective(refit(bare, [*bare.terms, form.term])) > clear(gain):
-                return _Rivals(form, clearly=True)
-    return _Rivals()
-
-
-def _as_good(forms: Sequence[Candidate], each: Sequence[float], left: float) -> tuple[Effect, ...]:
-    """Return the formulas that leave less than a name does by what their further numbers cost; their search has no price here."""
-    costs = [thresholds.COST * (parsed(c.id).unknowns - 1) for c in forms]
-    return tuple(c.term.effect for c, own, cost in zip(forms, each, costs, strict=True) if own < left - cost)
+def _rival_forms(search: _Search, once: Once) -> Rivals:
+    """Return the formulas that rival what a search has named: those of the first round, unless a name is as free as they are."""
+    listed = search.accepted
+    if any(follows_a_channel(c.term) for c in listed):
+        return in_place_of(search.linear, listed)
+    return beside_names(search.linear, listed, _forms_of(search, once)[: thresholds.SHORTLIST] if listed else ())
 
 
 def _forms_of(search: _Search, once: Once) -> Sequence[Candidate]:

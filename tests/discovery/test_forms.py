@@ -21,6 +21,8 @@ from lpvobs.errors import DataError
 UNITS = {"W_maf": "kg/s", "T_em": "K", "n_e": "rpm", "p_im": "Pa", "p_amb": "Pa", "T_oil": "K"}
 WARM = Form("W_maf", (Factor("W_maf"), Factor("T_oil", "lag", 38.0, 355.0)))
 
+DAMP = Form("W_maf", (Factor("W_maf"), Factor("n_e"), Factor("T_em", reference=273.0)), 3e4)
+
 
 @pytest.fixture
 def model(plant):
@@ -39,6 +41,8 @@ def effect(form, model, size=0.0021):
 def test_an_identifier_is_all_that_builds_a_form_again(signal, of, reference):
     for form in (
         Form("W_maf", (Factor("W_maf"), Factor(signal, *of, reference))),
+        Form("W_maf", (Factor("W_maf"), Factor("n_e"), Factor(signal, *of, reference)), -1.25e5),
+        Form("p_im", (Factor("T_oil", reference=-4.5), Factor(signal, *of, reference)), 0.03),
         Form("eta_vol.factor"),
         Form("p_amb"),
     ):
@@ -53,13 +57,16 @@ def test_a_person_reads_it_with_its_units(model):
     ratio = Form("p_im", (Factor("p_amb"), Factor("p_im/p_amb", reference=1.5)))
     assert effect(ratio, model).effect.unit == "1"
     assert effect(Form("eta_vol.factor", (Factor("T_oil"),)), model).effect.unit == "1/K"
+    assert effect(DAMP, model).effect.unit == "1/rpm/K"
+    words = "W_maf too high by 0.0021 1/rpm/K * W_maf * [n_e * (T_em - 273 K) - 3e+04 rpm K]"
+    assert in_words(effect(DAMP, model)) == words
 
 
 def test_more_costs_more():
     plain = Form("W_maf", (Factor("T_em"),))
     assert [
-        form.unknowns for form in (Form("W_maf"), plain, Form("W_maf", (Factor("W_maf"), *plain.factors)), WARM)
-    ] == [1, 2, 2, 4]
+        form.unknowns for form in (Form("W_maf"), plain, Form("W_maf", (Factor("W_maf"), *plain.factors)), WARM, DAMP)
+    ] == [1, 2, 2, 4, 5]
 
 
 def test_a_lag_is_that_of_first_order():

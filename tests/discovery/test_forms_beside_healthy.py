@@ -7,7 +7,7 @@ import pytest
 
 from lpvobs.discovery.curves import along_channel
 from lpvobs.discovery.fit import fit
-from lpvobs.discovery.form_search import _effect, shapes_shown
+from lpvobs.discovery.form_search import _effect, _library, _lot, _refined, shapes_shown
 from lpvobs.discovery.forms import Factor, Form, along_problem, shape_of
 from lpvobs.discovery.map_prior import MapPrior
 from lpvobs.discovery.patterns import Seeming
@@ -95,3 +95,42 @@ def test_a_form_that_healthy_drives_do_not_show_is_known_by_its_place(linear, wa
     assert of_two.known_as == ()
     for effect in (warm, of_two):
         assert told(linear, Term(effect, 0.01), places={"sensor": 3.0 / linear.problem.data}) == pytest.approx(0.25)
+
+
+@pytest.mark.parametrize(
+    ("slow", "about", "less"),
+    [
+        ("n_e", 273.0, 0.0),
+        ("n_e", 273.0, 1.6e5),
+        ("p_em", 290.0, 6e6),
+    ],
+)
+def test_a_product_may_have_a_reference_of_its_own(plant, linear, still, slow, about, less):
+    """Damp and warm air, W_maf * [humidity * (T_amb - 273 K) - 1500 % K], was `unexplained`: a sum of two followed either."""
+    true = Form("W_maf", (SHARE, Factor(slow), Factor("T_im", reference=about)), less)
+    along = along_problem(true, linear.problem)
+    library = _library(linear.problem)
+    reading = along_problem(Form("", (SHARE,)), linear.problem)  # a form's factors are means over a second
+    changed = off(still, plant.effect("maf.offset"), 0.05 * reading * along / along.std())
+    lot = _lot(changed, Form("W_maf"), library.first)
+    start = Form("W_maf", (SHARE, Factor(slow)))
+    found, second = library.best(lot, start, 2)
+    assert found.form.factors[:2] == start.factors
+    assert found.form.factors[2].signal == "T_im"
+    form = _refined(changed, library, found.form).form  # at every place, where the first search takes means
+    assert form.factors[2].reference == pytest.approx(about, abs=1.0)
+    assert form.reference == pytest.approx(less, abs=0.03 * np.ptp(along))
+    assert found.score > second.score  # a ratio of temperatures
+
+
+def test_what_healthy_drives_show_of_a_channel_does_not_depend_on_its_zero(linear, still, gain):
+    """In kelvin, an ambient temperature changed by less than rounding was thought to allow, and followed nothing."""
+    speed = linear.problem.along("n_e")
+    seen = []
+    for zero in (0.0, 100.0):
+        slow = (speed - speed.mean()) / speed.std()
+        changed = off(
+            replace(still, problem=replace(linear.problem, auxiliary={"slow": zero + slow})), gain, 1e-2 * slow
+        )
+        seen.append(shapes_shown(changed, -np.inf)[f"{gain.id} ~ slow"][0][0])
+    assert seen[0] == pytest.approx(seen[1])

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import scipy
 
-from lpvobs.discovery import form_search, joint_choice, ranking, select
+from lpvobs.discovery import form_search, joint_choice, ranking, rival_forms, select
 from lpvobs.discovery.courses import TracedCourse
 from lpvobs.discovery.evidence import Candidate
 from lpvobs.discovery.forms import have_a_cause, share_a_signal
@@ -146,15 +146,12 @@ def test_what_changes_from_block_to_block_must_change_more_than_on_healthy_drive
 )
 @pytest.mark.parametrize("nothing", [300.0, 1000.0])  # without any name; an eighth of 900 is what a shape may cost
 def test_a_formula_rivals_what_is_named_where_it_explains_enough(monkeypatch, names, formula, rival, clearly, nothing):
-    first = SimpleNamespace(problem=SimpleNamespace(patterns=(1,)))
-    search = select._Search("effect", [SimpleNamespace(id=name) for name in names], 100.0, first, ())
+    linear = SimpleNamespace(problem=SimpleNamespace(patterns=(1,)), left=100.0)
     best, worse = SimpleNamespace(term=formula), SimpleNamespace(term=formula + 1.0)
-    monkeypatch.setattr(select, "_forms_of", lambda *_: [worse, best])
-    monkeypatch.setattr(select, "objective", lambda linear: linear)
-    monkeypatch.setattr(select, "_bare", lambda _: nothing)
-    monkeypatch.setattr(select, "refit", lambda _, terms: terms[0])
-    monkeypatch.setattr(select, "_as_good", lambda *_: ("as good",))
-    found = select._rival_forms(search, None)
+    monkeypatch.setattr(rival_forms, "objective", lambda model: model.left)
+    monkeypatch.setattr(rival_forms, "refit", lambda _, terms: SimpleNamespace(left=terms[0] if terms else nothing))
+    monkeypatch.setattr(rival_forms, "_as_good", lambda *_: ("as good",))
+    found = rival_forms.beside_names(linear, names, [worse, best])
     assert found.as_good == (("as good",) if names == ["leak.inlet"] else ())  # beside one name alone
     if nothing == 1000.0:  # SHAPE^2 * 900 = 110: more than all that is left
         clearly = False
@@ -315,7 +312,7 @@ def test_a_name_that_all_data_show_to_be_small_or_chance_or_one_of_many_is_none(
         ("_search", select._Search("effect", [named], found, found, [named])),
         ("_forms_of", []),
         ("chance_of_nothing", nothing),
-        ("_rival_forms", select._Rivals()),
+        ("_rival_forms", rival_forms.Rivals()),
         ("_with_all", SimpleNamespace(terms=[SimpleNamespace(effect=named)], problem=problem)),
         ("is_small", small),
         ("says_something", something),
@@ -334,28 +331,59 @@ def test_a_name_that_all_data_show_to_be_small_or_chance_or_one_of_many_is_none(
     assert named in chosen.leading  # what it would have been
 
 
-@pytest.mark.parametrize("learned", [True, False])
-@pytest.mark.parametrize(
-    ("formula", "alone", "rival"), [(71.0, 300.0, False), (69.0, 300.0, True), (69.0, 1000.0, False)]
-)
-def test_a_formula_takes_the_place_of_a_channels_curve_alone(monkeypatch, formula, alone, rival, learned):
+@pytest.fixture
+def in_place(monkeypatch):
+    """Return a function from names and what a formula leaves in place of some to the rival, and to the places it was tried in."""
+
+    def of(names, leaves, learned=True):
+        terms = [SimpleNamespace(effect=SimpleNamespace(id=id_, place=place), course=None) for id_, place in names]
+        linear = SimpleNamespace(left=100.0, terms=terms, problem=SimpleNamespace(patterns=(1,) if learned else ()))
+        listed = [Candidate(term, 0.0, *[None] * 7) for term in terms]
+        form, asked = SimpleNamespace(term="form"), []
+
+        def fitted(_, terms):
+            has = [term.effect.id for term in terms if term != "form"]
+            return SimpleNamespace(left=leaves if "form" in terms else 300.0, terms=terms, ids=has)
+
+        monkeypatch.setattr(rival_forms, "refit", fitted)
+        monkeypatch.setattr(rival_forms, "objective", lambda model: model.left)
+        monkeypatch.setattr(
+            rival_forms, "best_forms", lambda bare, found: asked.append((bare.ids, found[0].gain)) or [form]
+        )
+        search = select._Search("effect", listed, linear, SimpleNamespace(problem=linear.problem, patterns=()), ())
+        return select._rival_forms(search, None), asked
+
+    return of
+
+
+LAG, DRIFT, COOLANT = ("T_im.lag", "T_im"), ("maf.drift", "sensor"), ("channel:T_coolant", "sensor")
+
+
+@pytest.mark.parametrize(("leaves", "rival"), [(69.0, True), (71.0, False)])
+def test_a_formula_takes_the_place_of_a_channels_curve_alone(in_place, leaves, rival):
     """A warming housing was `channel:T_coolant` and `channel:p_baro`: a formula was tried in place of both, not of the first."""
-    first = SimpleNamespace(problem=SimpleNamespace(patterns=(1,) if learned else ()))
-    linear = SimpleNamespace(left=100.0)
-    listed = [
-        Candidate(SimpleNamespace(effect=SimpleNamespace(id=id_)), 0.0, *[None] * 7)
-        for id_ in ("maf.lag", "channel:T_charge")
-    ]
-    search = select._Search("effect", listed, linear, first, ())
-    form, asked = SimpleNamespace(term=formula), []
-    bare = SimpleNamespace(left=alone, terms=["the lag"])
-    monkeypatch.setattr(select, "without", lambda model, i: asked.append((model, i)) or bare)
-    monkeypatch.setattr(select, "best_forms", lambda model, found: asked.append((model, found[0].gain)) or [form])
-    monkeypatch.setattr(select, "refit", lambda model, terms: SimpleNamespace(left=terms[-1]))
-    monkeypatch.setattr(select, "objective", lambda model: model.left)
-    found = select._rival_forms(search, None)
-    assert asked == ([(linear, 1), (bare, alone - 100.0)] if learned else [])
-    assert (found.best, found.clearly) == ((form, True) if rival and learned else (None, False))
+    found, asked = in_place([LAG, COOLANT], leaves)
+    assert asked == [(["T_im.lag"], 200.0)]
+    assert (found.best is not None, found.clearly) == (rival, rival)
+    assert in_place([LAG, COOLANT], leaves, learned=False) == (rival_forms.Rivals(), [])
+
+
+@pytest.mark.parametrize(("leaves", "rival"), [(129.0, True), (131.0, False)])
+def test_a_formula_takes_the_place_of_a_channel_and_what_is_named_beside_it(in_place, leaves, rival):
+    """Damp and warm air was `maf.temperature` and `channel:humidity`, each a factor of the formula."""
+    found, asked = in_place([DRIFT, LAG, COOLANT], leaves)
+    assert asked[0] == (["T_im.lag"], 200.0)
+    assert (found.best is not None, found.clearly) == (rival, rival)
+    assert len(asked) == (1 if rival else 2)
+
+
+def test_an_effect_whose_course_follows_a_channel_is_as_free_as_a_formula(in_place):
+    """A wrong name of damp air was an inlet leak that followed the humidity."""
+    follows = TracedCourse("lagged", time_constant=4.8, input="humidity")
+    term = SimpleNamespace(effect=SimpleNamespace(id="leak.inlet"), course=follows)
+    assert rival_forms.follows_a_channel(term)
+    assert not rival_forms.follows_a_channel(SimpleNamespace(effect=term.effect, course=None))
+    assert not rival_forms.follows_a_channel(SimpleNamespace(effect=term.effect, course=TracedCourse("ramp", 0.0, 1.0)))
 
 
 def test_a_formula_is_listed_beside_a_name_where_it_pays_for_its_further_numbers():
@@ -368,9 +396,9 @@ def test_a_formula_is_listed_beside_a_name_where_it_pays_for_its_further_numbers
         400.0,
         COST + 1.0,
     )  # a coefficient and a factor, and a reference, and a lag: one, two, three further numbers
-    assert select._as_good(forms, [left - below] * 3, left) == ("T_coolant",)
-    assert select._as_good(forms, [left - 2.0 * below] * 3, left) == ("T_coolant", "(T_coolant - 337 K)")
-    assert len(select._as_good(forms, [left - 3.0 * below] * 3, left)) == 3
+    assert rival_forms._as_good(forms, [left - below] * 3, left) == ("T_coolant",)
+    assert rival_forms._as_good(forms, [left - 2.0 * below] * 3, left) == ("T_coolant", "(T_coolant - 337 K)")
+    assert len(rival_forms._as_good(forms, [left - 3.0 * below] * 3, left)) == 3
 
 
 @pytest.mark.parametrize(
