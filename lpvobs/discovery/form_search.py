@@ -137,7 +137,9 @@ class _Products:
         gains = [each[0][0], *(gain for _, gain, _ in each)]
         references = [np.zeros((1, middle.size)), *(reference for *_, reference in each)]
         scores = np.stack([gain - self.price(unknowns + i, gain) for i, gain in enumerate(gains)], axis=1)
-        away = [np.abs(own[0] - middle) / (thresholds.FORM_REACH * spread) for own in references]
+        reach = np.maximum(thresholds.FORM_REACH * spread, np.finfo(float).tiny)
+        with np.errstate(over="ignore"):
+            away = [np.abs(own[0] - middle) / reach for own in references]
         scores[away[1] > 1.0, 1] = -np.inf
         scores[:, 2:] -= np.log(np.maximum(np.transpose(away[2:]), 1.0)).reshape(middle.size, -1)
         scores[[factor.of == "rate" for factor in self.factors], 1:] = -np.inf
@@ -148,10 +150,8 @@ class _Products:
         for at in np.argsort(scores, axis=None)[::-1]:
             i, many = divmod(int(at), len(gains))
             own, *whole = (float(f"{number:.4g}") for number in references[many][:, i])
-            form = replace(
-                start, factors=(*start.factors, replace(self.factors[i], reference=own)), reference=sum(whole)
-            )
-            tried = _Tried(float(scores[i, many]), form, lot)
+            factors = (*start.factors, replace(self.factors[i], reference=own))
+            tried = _Tried(float(scores[i, many]), Form(start.target, factors, sum(whole)), lot)
             found.setdefault(self.factors[i].signal, tried)
             if len(found) == most:
                 break
@@ -299,7 +299,7 @@ def _library(problem: Problem) -> _Products:
     dynamic = [Factor(name, "rate") for name in names[:-1]]
     dynamic += [Factor(name, "lag", tau) for name in names[:-1] for tau in thresholds.FORM_LAGS]
     factors = (*(Factor(name) for name in names), *dynamic)
-    count = 2.0 * len(problem.measured) * len(names) * len(factors)
+    count = 3.0 * len(problem.measured) * len(names) * len(factors)  # alone, or with one reference or two
     pool = max(1, int(thresholds.FORM_CALM / problem.spacing))
     first = np.flatnonzero((np.diff(problem.of_log, prepend=-1) != 0) | (np.arange(problem.K) % pool == 0))
     return _Products(problem, first, names, factors, count)
