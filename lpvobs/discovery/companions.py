@@ -51,7 +51,7 @@ def _is_of_its_own(linear: Linear, newest: Candidate, gained: float) -> bool:
     """Return whether the newest effect is more than what the others leave; it gains so much in blocks not fitted to.
 
     It is where it keeps some of its gain beside others of another shape, and that is proven, too. What else is wrong with the same
-    sensor may be the shape of its error.
+    sensor from the same moment on may be the shape of its error.
     """
     *others, last = range(len(linear.terms))
     if any(cancels(linear, i, last) for i in others):
@@ -60,7 +60,7 @@ def _is_of_its_own(linear: Linear, newest: Candidate, gained: float) -> bool:
     # a channel or a formula has the shape that came first, no cause's own
     shapeless = any(effects[i].id.startswith((CHANNEL, PREFIX)) for i in others)
     place = [(effect.place, effect.late) for effect in effects]
-    here = any(place[i] == place[last] and _same_time(linear.terms[i], linear.terms[last]) for i in others)
+    here = any(place[i] == place[last] and _same_span(linear.terms[i], linear.terms[last]) for i in others)
     if shapeless or here:
         matters = gained > thresholds.SHAPE**2 * (_gained(refit(linear, ()), linear)[0] - gained)
         if shapeless or not matters:
@@ -198,8 +198,13 @@ def is_another_episode(candidate: Candidate, accepted: Sequence[Candidate]) -> b
 
 def _same_time(one: Term, other: Term) -> bool:
     """Return whether two terms have the same course, and begin and end together within the error of an onset."""
+    return one.course == other.course and _same_span(one, other)
+
+
+def _same_span(one: Term, other: Term) -> bool:
+    """Return whether two terms begin and end together within the error of an onset."""
     own, theirs = (one.begin, one.end), (other.begin, other.end)
-    return one.course == other.course and bool(np.allclose(own, theirs, rtol=0.0, atol=thresholds.STRETCH))
+    return bool(np.allclose(own, theirs, rtol=0.0, atol=thresholds.STRETCH))
 
 
 def separate_in_time(one: Term, other: Term) -> bool:

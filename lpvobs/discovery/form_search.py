@@ -14,7 +14,19 @@ from numpy.typing import NDArray
 from lpvobs.discovery import thresholds
 from lpvobs.discovery.evidence import Candidate, best_first, fit_candidate, score, with_best_interval
 from lpvobs.discovery.fit import fit, linearised, objective, refit
-from lpvobs.discovery.forms import NAME, TIME, Factor, Form, along_problem, carrier_of, recorded_at, rms, shape_of
+from lpvobs.discovery.form_gains import Lot
+from lpvobs.discovery.forms import (
+    MOST_DIGITS,
+    NAME,
+    TIME,
+    Factor,
+    Form,
+    along_problem,
+    carrier_of,
+    recorded_at,
+    rms,
+    shape_of,
+)
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.places import moves
 from lpvobs.discovery.residual import Problem
@@ -23,74 +35,8 @@ from lpvobs.engines.effects import SENSOR, Effect
 from lpvobs.records import Array
 
 COARSE_STEPS = (0.7, 0.84, 1.19, 1.41)
-SINGULAR = 1e-9  # [1] determinant of scaled products from which their inverse is right to six digits
 FINE_STEPS = (0.92, 0.96, 1.04, 1.08)  # factors on the lag of a form that are tried around the best one
 LEAST = float(np.sqrt(np.finfo(float).tiny))  # [1] of a channel over its mean, so that it divides others
-
-
-@dataclass(frozen=True)
-class _Lot:
-    """What is needed of a direction g to know the gain of g times any function of the P pools of places."""
-
-    linear: Linear
-    residual: Array  # (P,) product with the residual
-    power: Array  # (P,) with itself
-    columns: Array  # (P, q) with the unknowns beside the map
-    nodes: "scipy.sparse.csr_array"  # (P, p) with the map
-
-    def gains(self, bases: Array, shapes: Array) -> tuple[Array, Array, Array]:
-        """Return the gain of every shape times the first of n bases by itself, and with a reference for each base, and these.
-
-        That is (M,) twice, and (n, M): a base times its reference is taken off the product.
-        """
-        middle = shapes.mean(1)
-        slope, gram, own = self._against(bases, shapes - middle[:, None])
-        n = len(bases)
-        alone = slope[n:] + middle * slope[0]
-        left = _seen(*(x[n:, n:].diagonal() + 2.0 * middle * x[0, n:] + middle**2 * x[0, 0] for x in (gram, own)))
-        taken, steep, free = _beside(slope, gram, own, n)
-        size = -steep / free
-        with np.errstate(divide="ignore", invalid="ignore"):
-            references = (taken[:, :1] + taken[:, 1:] * size) / size
-            references[0] += middle
-            gain = np.where(np.isfinite(references).all(0), 0.5 * (slope[:n] @ taken[:, 0] + steep**2 / free), 0.0)
-            return 0.5 * alone**2 / left, gain, np.nan_to_num(references)
-
-    def beside(self, y: Array, shapes: Array) -> Array:
-        """Return every shape times y beside y, (M,), in standard deviations of noise; NaN where the drive cannot tell them."""
-        _, steep, free = _beside(*self._against(y[None], shapes - shapes.mean(1, keepdims=True)), 1)
-        return np.where(np.isfinite(free), steep / np.sqrt(free), np.nan)
-
-    def _against(self, bases: Array, shapes: Array) -> tuple[Array, Array, Array]:
-        """Return slopes of n bases and of every shape times the first, (n + M,), and products of the bases and these with all.
-
-        That is the products beside all unknowns, and before, (n + M, n + M); of two shapes only with themselves.
-        """
-        rows, n = np.vstack([bases, shapes * bases[0]]), len(bases)
-        products = np.hstack([self.nodes.T.dot(rows.T).T, rows @ self.columns])
-        white = scipy.linalg.solve_triangular(self.linear.factor, products.T, lower=True, check_finite=False)
-        slope = rows @ self.residual - products @ self.linear.newton_step
-        own = np.diag(rows**2 @ self.power)
-        own[:n] = (bases * self.power) @ rows.T
-        taken = np.diag((white**2).sum(0))
-        taken[:n] = white[:, :n].T @ white
-        return slope, own - taken, own
-
-
-def _seen(left: Array, own: Array) -> Array:
-    """Return the information of directions beside others, infinite where the drive cannot tell them."""
-    return np.asarray(np.where(left > thresholds.FORM_SEEN * np.abs(own), left, np.inf))
-
-
-def _beside(slope: Array, gram: Array, own: Array, n: int) -> tuple[Array, Array, Array]:
-    """Return what n bases take: their steps alone and for every product, (n, 1 + M), slopes and information that are left, (M,)."""
-    known, cross, left = gram[:n, :n], gram[:n, n:], gram[n:, n:].diagonal()
-    scale = np.sqrt(_seen(known.diagonal(), own.diagonal()[:n]))
-    if not (np.isfinite(scale).all() and np.linalg.det(known / np.outer(scale, scale)) > SINGULAR):
-        return np.zeros((n, 1 + left.size)), np.zeros(left.size), np.full(left.size, np.inf)
-    taken = np.asarray(np.linalg.solve(known, np.column_stack([slope[:n], cross])), dtype=float)
-    steep, free = slope[n:] - taken[:, 0] @ cross, left - (cross * taken[:, 1:]).sum(0)
-    return taken, np.asarray(steep), _seen(free, left)
 
 
 @dataclass(frozen=True)
@@ -99,7 +45,7 @@ class _Tried:
 
     score: float
     form: Form
-    lot: _Lot
+    lot: Lot
 
 
 @dataclass(frozen=True)
@@ -122,20 +68,22 @@ class _Products:
         each = thresholds.COST + thresholds.FORM_SHARE * np.asarray(gain)
         return np.asarray(np.log(self.count) + (unknowns - 1) * each)
 
-    def best(self, lot: _Lot, start: Form, most: int = thresholds.FORM_RIVALS) -> list[_Tried]:
+    def best(self, lot: Lot, start: Form, most: int = thresholds.FORM_RIVALS) -> list[_Tried]:
         """Return the best forms that have one factor more, with or without a reference, each of another signal.
 
-        A product may have a reference of its own. Where its last factor's is so far away that the drive hardly tells it, it pays
-        for the distance, in `FORM_REACH`.
+        A product may have a reference of its own. Where its last factor's is farther away than `FORM_REACH`, the form comes behind
+        others by the logarithm of the distance.
         """
-        bases = [start, Form(start.target, start.factors[: start.relative])]
+        several = len(start.factors) > start.relative
+        bases = [start, Form(start.target, start.factors[: start.relative])][: 1 + several]
         along = np.stack([_along_pools(replace(base, target=""), self.problem, self.first) for base in bases])
         middle, spread = self.shapes.mean(1), self.shapes.std(1)
         unknowns = np.array([replace(start, factors=(*start.factors, factor)).unknowns for factor in self.factors])
-        # alone, less a reference, and a product less one of its own, too
-        each = [lot.gains(along[:n], self.shapes) for n in ((1, 2) if len(start.factors) > start.relative else (1,))]
-        gains = [each[0][0], *(gain for _, gain, _ in each)]
-        references = [np.zeros((1, middle.size)), *(reference for *_, reference in each)]
+        alone, each = lot.gains(along, self.shapes)
+        gains, references = (
+            [alone, *(gain for gain, _ in each)],
+            [np.zeros((1, middle.size)), *(own for _, own in each)],
+        )
         scores = np.stack([gain - self.price(unknowns + i, gain) for i, gain in enumerate(gains)], axis=1)
         reach = np.maximum(thresholds.FORM_REACH * spread, np.finfo(float).tiny)
         with np.errstate(over="ignore"):
@@ -149,15 +97,25 @@ class _Products:
         found: dict[str, _Tried] = {}
         for at in np.argsort(scores, axis=None)[::-1]:
             i, many = divmod(int(at), len(gains))
-            own, *whole = (float(f"{number:.4g}") for number in references[many][:, i])
-            factors = (*start.factors, replace(self.factors[i], reference=own))
-            tried = _Tried(float(scores[i, many]), Form(start.target, factors, sum(whole)), lot)
+            form = self._with(start, i, *references[many][:, i])
+            tried = _Tried(float(scores[i, many]), form, lot)
             found.setdefault(self.factors[i].signal, tried)
             if len(found) == most:
                 break
         return list(found.values())
 
-    def alone(self, lot: _Lot, form: Form) -> _Tried:
+    def _with(self, start: Form, i: int, reference: float, of_product: float = 0.0) -> Form:
+        """Return a form with one factor more, its references as round as the drive allows."""
+        reference = _round(reference, float(self.shapes[i].std()))
+        form = replace(start, factors=(*start.factors, replace(self.factors[i], reference=reference)))
+        return replace(
+            form,
+            reference=_round(of_product, float(_along_pools(form, self.problem, self.first).std()))
+            if of_product
+            else 0.0,
+        )
+
+    def alone(self, lot: Lot, form: Form) -> _Tried:
         """Return a reading that is off by a constant, or by a share of itself, where the catalogue has no effect on it."""
         at = {"sensor": SENSOR, "fuel": self.problem.model.fuel}
         listed = {e.id for e in self.problem.catalogue}
@@ -243,6 +201,12 @@ def shapes_shown(linear: Linear, *begins: float) -> dict[str, list[tuple[float, 
     return found
 
 
+def _round(value: float, spread: float) -> float:
+    """Return a number with four digits, or as many that it moves by less than a hundredth of a spread."""
+    near = (float(f"{value:.{digits}g}") for digits in range(4, MOST_DIGITS))
+    return next((each for each in near if abs(each - value) <= 0.01 * spread), value)
+
+
 def _leading(tried: Sequence[_Tried], most: int) -> list[_Tried]:
     return sorted((each for each in tried if each.score > -np.inf), key=lambda each: -each.score)[:most]
 
@@ -322,7 +286,7 @@ def _along_pools(form: Form, problem: Problem, first: NDArray[np.int64]) -> Arra
     return np.asarray(np.add.reduceat(along_problem(form, problem), first) / np.diff(first, append=problem.K))
 
 
-def _lot(linear: Linear, target: Form, first: NDArray[np.int64], begin: float = -np.inf) -> _Lot:
+def _lot(linear: Linear, target: Form, first: NDArray[np.int64], begin: float = -np.inf) -> Lot:
     problem = linear.problem
     effect = _effect(target, problem, np.ones(problem.K))
     white = linear.whiten(slope_of(linear, effect, effect.null) * (problem.clock >= begin))
@@ -335,4 +299,4 @@ def _lot(linear: Linear, target: Form, first: NDArray[np.int64], begin: float = 
         np.add.reduceat(x, first, axis=-1)
         for x in ((signed * linear.residual).sum((0, 1)), (signed * white).sum((0, 1)), linear.along(white))
     )
-    return _Lot(linear, residual, power, columns.T, sparse)
+    return Lot(linear, residual, power, columns.T, sparse)

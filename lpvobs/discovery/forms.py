@@ -3,7 +3,7 @@
 A form says what is off, and what that is proportional to: at most two factors beside the channel itself, each a logged channel, a
 ratio of two of one unit, its rate or its first-order lag, less a reference. The product of two may have a reference of its own.
 `form:W_maf ~ W_maf * (lag(T_amb, 30 s) - 298 K)` is an identifier, and all that is needed to build the form again, as is
-`form:W_maf ~ W_maf * [humidity * (T_amb - 273 K) - 940 % K]`. Its coefficient is fitted and judged like the size of any effect.
+`form:W_maf ~ W_maf * [humidity * (T_amb - 269 K) - 1083 % K]`. Its coefficient is fitted and judged like the size of any effect.
 """
 
 import re
@@ -26,12 +26,13 @@ from lpvobs.records import Array, Log
 PREFIX = "form:"
 CHANNEL = "channel:"
 TIME = "time"
+MOST_DIGITS = 17  # that tell two numbers apart
 NAME = re.compile(r"[A-Za-z_][\w.]*")  # channels with other names take no part: a formula must be readable
 FACTOR = re.compile(
     r"(?P<open>\()?(?:d\((?P<rate>[\w./]+)\)/dt|lag\((?P<lag>[\w./]+), (?P<tau>\S+) s\)|(?P<value>[\w./]+))"
     r"(?(open) (?P<sign>[+-]) (?P<reference>[^\s)]+)(?: [^)]+)?\))"
 )
-PRODUCT = re.compile(r"\[(?P<product>.+) (?P<sign>[+-]) (?P<reference>[^\s\]]+)(?: [^\]]+)?\]")  # less a reference
+PRODUCT = re.compile(r"\[(?P<product>.+) (?P<sign>[+-]) (?P<reference>[^\s\]]+)(?: .+)?\]$")  # less a reference
 Recorded = Callable[[str], Array]
 
 
@@ -178,8 +179,10 @@ def rms(values: Array) -> float:
 
 
 def _less(reference: float, unit: str) -> str:
-    """Return the end of what is less a reference, in an identifier."""
-    return f"{'-' if reference > 0 else '+'} {abs(reference):.4g}" + ("" if unit == "1" else f" {unit}")
+    """Return the end of what is less a reference, in an identifier; four digits are the fewest."""
+    size = abs(reference)
+    text = next((t for digits in range(4, MOST_DIGITS) if float(t := f"{size:.{digits}g}") == size), repr(size))
+    return f"{'-' if reference > 0 else '+'} {text}" + ("" if unit == "1" else f" {unit}")
 
 
 def _reference(found: re.Match[str]) -> float:

@@ -70,7 +70,7 @@ def _inside_form(linear: Linear, index: int) -> dict[str, tuple[float, str, Arra
     further: dict[str, tuple[float, str, Callable[[float], Form]]] = {
         "reference": (last.reference, last.unit(units), lambda x: with_last(replace(last, reference=x))),
         "tau": (last.tau, "s", lambda x: with_last(replace(last, tau=x))),
-        "of_product": (form.reference, form.unit_of_product(units), lambda x: replace(form, reference=x)),
+        "product_reference": (form.reference, form.unit_of_product(units), lambda x: replace(form, reference=x)),
     }
     shape, found = along_problem(form, problem), {}
     for name, (value, unit, moved) in further.items():

@@ -45,18 +45,23 @@ def beside_names(linear: Linear, listed: Sequence[Candidate], forms: Sequence[Ca
     return Rivals(best if min(each) < most else None, min(each) < left - more, as_good)
 
 
-def in_place_of(linear: Linear, listed: Sequence[Candidate]) -> Rivals:
-    """Return a formula that explains hardly less than all errors of the reading do, or clearly more than a curve over a channel.
+def in_place_of(linear: Linear, listed: Sequence[Candidate]) -> Rivals | None:
+    """Return a formula in place of curves over channels, or of all errors of the reading if one of them follows a channel.
 
-    It is sought with the weights that hold beside the names, and only where healthy drives tell.
+    It explains clearly more than the curve; hardly less than several names with a curve among them, and more than several without.
+    It is sought with the weights that hold beside the names, where healthy drives tell. None where there is no such name.
     """
-    if not len(linear.problem.patterns):
-        return Rivals()
-    left, names = objective(linear), range(len(listed))
+    names = range(len(listed))
+    channels = [i for i in names if listed[i].id.startswith(CHANNEL)]
     at_sensor = [i for i in names if listed[i].term.effect.place == "sensor"]
-    tried = [(at_sensor, thresholds.FORM_CLEAR)] if len(at_sensor) > 1 else []
-    tried += [([i], -thresholds.FORM_CLEAR) for i in names if listed[i].id.startswith(CHANNEL)]
-    for out, more in tried:
+    several = len(at_sensor) > 1 and any(follows_a_channel(listed[i].term) for i in at_sensor)
+    if not len(linear.problem.patterns):
+        return Rivals() if channels else None
+    if not (channels or several):
+        return None
+    tried = [(at_sensor, thresholds.FORM_CLEAR if channels else 0.0)] if several else []
+    left = objective(linear)
+    for out, more in (*tried, *(([i], -thresholds.FORM_CLEAR) for i in channels)):
         bare = refit(linear, [term for i, term in enumerate(linear.terms) if i not in out])
         for form in best_forms(bare, [replace(listed[out[0]], gain=objective(bare) - left)]):
             if objective(refit(bare, [*bare.terms, form.term])) < left + more:

@@ -47,7 +47,7 @@ from lpvobs.discovery.ranking import (
     structure,
 )
 from lpvobs.discovery.residual import Problem, Term
-from lpvobs.discovery.rival_forms import Rivals, beside_names, follows_a_channel, in_place_of
+from lpvobs.discovery.rival_forms import Rivals, beside_names, in_place_of
 from lpvobs.discovery.sizes import forget
 from lpvobs.engines.effects import Effect
 
@@ -135,10 +135,11 @@ def _each_once(found: Sequence[Candidate]) -> tuple[Candidate, ...]:
 
 def _rival_forms(search: _Search, once: Once) -> Rivals:
     """Return the formulas that rival what a search has named: those of the first round, unless a name is as free as they are."""
-    listed = search.accepted
-    if any(follows_a_channel(c.term) for c in listed):
-        return in_place_of(search.linear, listed)
-    return beside_names(search.linear, listed, _forms_of(search, once)[: thresholds.SHORTLIST] if listed else ())
+    instead = in_place_of(search.linear, search.accepted)
+    if instead is not None:
+        return instead
+    first = _forms_of(search, once)[: thresholds.SHORTLIST] if search.accepted else ()
+    return beside_names(search.linear, search.accepted, first)
 
 
 def _forms_of(search: _Search, once: Once) -> Sequence[Candidate]:

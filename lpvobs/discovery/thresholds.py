@@ -189,7 +189,7 @@ SIGNIFICANT = 1e-2
 """[1] Probability of naming anything by chance on a log without effects, all candidates and intervals together. Set by choice."""
 SIGNIFICANT_LEARNED = 3e-2
 """[1] The same where healthy drives tell, and that of nothing below which a residual is `unexplained`. Set by seeds 114168, 168566,
-152744, 872443 and 192735 of the second bank: four of 1310 clean drives came below it; and by 911107: at 0.05, two more of 210."""
+152744, 872443 and 192735 of the second bank: four of 1310 clean drives came below it; and by 911107: at 0.05, 4 of 210, not 2."""
 POOLED = 6.0
 """[1] Healthy drives that what all effects have in common counts as, beside those that show one. Set by choice. With the number
 that the effects' own variances ask for (empirical Bayes: 3 to 18 on four engines, 3 to 13 on twelve others), one of 25 clean
@@ -312,8 +312,7 @@ taken for one that follows the fuel; the best are refined to a twenty-fifth."""
 FORM_SEEN = 1e-3
 """[1] Share of a form's power that map and unknowns must leave. Set by rounding: below, a gain is nothing; held by run 11."""
 FORM_REACH = 5.0
-"""[1] Standard deviations of a channel within which its reference is sought. Set by choice: farther away, a form is a constant. A
-product less a reference of its own is none: it pays the logarithm of what is beyond."""
+"""[1] Standard deviations of a channel within which its reference is sought. Set by choice: farther away, a form is a constant."""
 FORM_FLAT = 0.05
 """[1] Relative scatter below which a factor is a constant unless it has a reference. Set by choice: air of a few kelvin more or
 less says nothing, and a product with it is what the catalogue has without; held by run 11."""
@@ -325,8 +324,9 @@ FORM_OVER_MORE = 1.05
 reads 15 hPa too high: three names, and the formula left 0.98 of what they do."""
 FORM_CLEAR = 30.0
 """[1] Gain by which a formula must surpass one listed effect to take its place where healthy drives tell, and by which it may stay
-behind three; by which it must surpass a channel's curve, and any name that is given up for it. Set by 18 drives of seed 498771:
-over the right effect the best formula gained 14 at most, the true one over a wrong effect 34, over a channel's curve 44 to 335."""
+behind three, or behind names of the sensor with a channel's curve among them; by which it must surpass such a curve, and any name that
+is given up for it. Set by 18 drives of seed 498771: over the right effect the best formula gained 14 at most, the true one over a
+wrong effect 34, over a channel's curve 44 to 335."""
 FORM_SHARE = 0.01
 """[1] Share of its gain that each further unknown of a form must bring beside COST. Set by choice: as each end of an interval."""
 FORM_LEAVES = 0.9

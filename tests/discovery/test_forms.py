@@ -49,6 +49,21 @@ def test_an_identifier_is_all_that_builds_a_form_again(signal, of, reference):
         assert parsed(form.id(UNITS)) == form
 
 
+@pytest.mark.parametrize("reference", [101325.4, 273.15, 1.234567891234567e-9, -0.1 - 0.2])
+def test_a_reference_is_read_back_to_the_last_digit(reference):
+    """Four digits of a barometer are 50 Pa, a tenth of what it changes on a drive."""
+    form = Form("W_maf", (Factor("W_maf"), Factor("p_amb", reference=reference)), 2.0 * reference)
+    for units in (UNITS, {**UNITS, "p_amb": "[hPa]"}):
+        assert parsed(form.id(units)) == form
+
+
+@pytest.mark.parametrize(
+    ("spread", "rounded"), [(1e4, 101300.0), (1e3, 101330.0), (100.0, 101325.0), (10.0, 101325.4), (0.0, 101325.4321)]
+)
+def test_a_reference_is_as_round_as_the_drive_allows(spread, rounded):
+    assert form_search._round(101325.4321, spread) == rounded
+
+
 def test_a_person_reads_it_with_its_units(model):
     assert in_words(effect(WARM, model)) == "W_maf too high by 0.0021 1/K * W_maf * (lag(T_oil, 38 s) - 355 K)"
     assert in_words(effect(Form("T_em"), model, -3.0)) == "T_em too low by 3 K"

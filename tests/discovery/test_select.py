@@ -335,23 +335,23 @@ def test_a_name_that_all_data_show_to_be_small_or_chance_or_one_of_many_is_none(
 def in_place(monkeypatch):
     """Return a function from names and what a formula leaves in place of some to the rival, and to the places it was tried in."""
 
-    def of(names, leaves, learned=True):
-        terms = [SimpleNamespace(effect=SimpleNamespace(id=id_, place=place), course=None) for id_, place in names]
+    def of(names, leaves, learned=True, bare=300.0, course=None):
+        terms = [SimpleNamespace(effect=SimpleNamespace(id=id_, place=place), course=course) for id_, place in names]
         linear = SimpleNamespace(left=100.0, terms=terms, problem=SimpleNamespace(patterns=(1,) if learned else ()))
         listed = [Candidate(term, 0.0, *[None] * 7) for term in terms]
         form, asked = SimpleNamespace(term="form"), []
 
         def fitted(_, terms):
             has = [term.effect.id for term in terms if term != "form"]
-            return SimpleNamespace(left=leaves if "form" in terms else 300.0, terms=terms, ids=has)
+            return SimpleNamespace(left=leaves if "form" in terms else bare, terms=terms, ids=has)
 
         monkeypatch.setattr(rival_forms, "refit", fitted)
         monkeypatch.setattr(rival_forms, "objective", lambda model: model.left)
         monkeypatch.setattr(
             rival_forms, "best_forms", lambda bare, found: asked.append((bare.ids, found[0].gain)) or [form]
         )
-        search = select._Search("effect", listed, linear, SimpleNamespace(problem=linear.problem, patterns=()), ())
-        return select._rival_forms(search, None), asked
+        monkeypatch.setattr(select, "_forms_of", lambda *_: [])
+        return select._rival_forms(select._Search("effect", listed, linear, None, ()), None), asked
 
     return of
 
@@ -360,10 +360,11 @@ LAG, DRIFT, COOLANT = ("T_im.lag", "T_im"), ("maf.drift", "sensor"), ("channel:T
 
 
 @pytest.mark.parametrize(("leaves", "rival"), [(69.0, True), (71.0, False)])
-def test_a_formula_takes_the_place_of_a_channels_curve_alone(in_place, leaves, rival):
+@pytest.mark.parametrize("bare", [300.0, 1000.0])  # what is left without the curve: an eighth of 900 was asked for once
+def test_a_formula_takes_the_place_of_a_channels_curve_alone(in_place, leaves, rival, bare):
     """A warming housing was `channel:T_coolant` and `channel:p_baro`: a formula was tried in place of both, not of the first."""
-    found, asked = in_place([LAG, COOLANT], leaves)
-    assert asked == [(["T_im.lag"], 200.0)]
+    found, asked = in_place([LAG, COOLANT], leaves, bare=bare)
+    assert asked == [(["T_im.lag"], bare - 100.0)]
     assert (found.best is not None, found.clearly) == (rival, rival)
     assert in_place([LAG, COOLANT], leaves, learned=False) == (rival_forms.Rivals(), [])
 
@@ -377,13 +378,29 @@ def test_a_formula_takes_the_place_of_a_channel_and_what_is_named_beside_it(in_p
     assert len(asked) == (1 if rival else 2)
 
 
-def test_an_effect_whose_course_follows_a_channel_is_as_free_as_a_formula(in_place):
-    """A wrong name of damp air was an inlet leak that followed the humidity."""
-    follows = TracedCourse("lagged", time_constant=4.8, input="humidity")
-    term = SimpleNamespace(effect=SimpleNamespace(id="leak.inlet"), course=follows)
-    assert rival_forms.follows_a_channel(term)
-    assert not rival_forms.follows_a_channel(SimpleNamespace(effect=term.effect, course=None))
-    assert not rival_forms.follows_a_channel(SimpleNamespace(effect=term.effect, course=TracedCourse("ramp", 0.0, 1.0)))
+FOLLOWS = TracedCourse("lagged", time_constant=4.8, input="humidity")
+
+
+@pytest.mark.parametrize(("leaves", "rival"), [(99.0, True), (101.0, False)])
+def test_a_formula_that_explains_more_takes_the_place_of_names_whose_course_follows_a_channel(in_place, leaves, rival):
+    """A wrong name of damp air was an inlet leak that followed the humidity, beside a sensor that followed the temperature."""
+    found, asked = in_place([DRIFT, ("leak.inlet", "sensor")], leaves, course=FOLLOWS)
+    assert asked == [([], 200.0)]
+    assert (found.best is not None, found.clearly) == (rival, rival)
+
+
+@pytest.mark.parametrize(
+    ("names", "course"),
+    [
+        ([DRIFT, LAG], FOLLOWS),  # one error of the reading
+        ([DRIFT, ("leak.inlet", "sensor")], None),
+        ([DRIFT, ("leak.inlet", "sensor")], TracedCourse("ramp", 0.0, 1.0)),
+        ([], None),
+    ],
+)
+@pytest.mark.parametrize("learned", [True, False])
+def test_other_names_are_rivalled_by_the_formulas_of_the_first_round(in_place, names, course, learned):
+    assert in_place(names, 0.0, course=course, learned=learned) == (rival_forms.Rivals(), [])
 
 
 def test_a_formula_is_listed_beside_a_name_where_it_pays_for_its_further_numbers():
