@@ -217,9 +217,9 @@ def share_a_signal(ids: Sequence[str]) -> bool:
     return all(set.intersection(*each) for each in followed.values() if each)
 
 
-def have_a_cause(ids: Sequence[str]) -> bool:
-    """Return whether the forms among some identifiers share a channel, as above, and none follows the time, which is no cause."""
-    return share_a_signal(ids) and not any(TIME in cause_of(id_)[1] for id_ in ids if id_.startswith(PREFIX))
+def follows_the_time(id_: str) -> bool:
+    """Return whether an effect is a form that follows the time, which is no cause."""
+    return id_.startswith(PREFIX) and TIME in cause_of(id_)[1]
 
 
 def without_variants(ids: Sequence[str]) -> list[str]:

@@ -85,10 +85,9 @@ class HealthyDrive:
 
     @property
     def spacing(self) -> float:
-        """Distance of instants [s]: every other one, where all known errors last so long that no balance loses much by that."""
-        known = self.lasting[self.amplitude > 0.0]
-        every = 2.0 if known.min(initial=np.inf) >= thresholds.TAKEN * 2.0 * thresholds.SPACING else 1.0
-        return every * thresholds.SPACING
+        """Distance of instants [s]: up to twice the usual one, where all known errors last so long that no balance loses much."""
+        lasting = float(self.lasting[self.amplitude > 0.0].min(initial=np.inf))
+        return float(np.clip(lasting / thresholds.TAKEN, thresholds.SPACING, 2.0 * thresholds.SPACING))
 
     def engine(self, model: ResidualModel) -> ResidualModel:
         """Return the engine as the healthy drives show it, from the one beside the map."""

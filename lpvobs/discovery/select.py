@@ -21,7 +21,7 @@ from lpvobs.discovery.episodes import in_episodes, shorter
 from lpvobs.discovery.evidence import Candidate, dated_again, fit_candidate
 from lpvobs.discovery.fit import fit, objective, refit, standard_errors, with_term, without
 from lpvobs.discovery.form_search import beside_forms, best_forms
-from lpvobs.discovery.forms import CHANNEL, PREFIX, have_a_cause
+from lpvobs.discovery.forms import CHANNEL, PREFIX, follows_the_time, share_a_signal
 from lpvobs.discovery.held_out import Losses, compare, cross_validated
 from lpvobs.discovery.inside import settled
 from lpvobs.discovery.joint_choice import (
@@ -161,7 +161,7 @@ def _with_forms(
     few = len(wider.accepted) <= (len(search.accepted) or 3)
     form = few and any(c.id.startswith(PREFIX) for c in wider.accepted)
     of_sensor = [c.id for c in wider.accepted if not c.id.startswith(CHANNEL) or c.term.effect.place == "sensor"]
-    if form and have_a_cause(of_sensor) and _leaves_less(wider.linear):
+    if form and share_a_signal(of_sensor) and _leaves_less(wider.linear):
         rivals = tuple(c.term.effect for c in wider.ranking if c.id.startswith(PREFIX))
         return replace(wider, ranking=search.ranking, forms=rivals)
     way = wider.accepted or wider.on_the_way
@@ -221,6 +221,8 @@ def _search(
         if longer is None or (accepted and is_small(longer[0].terms[-1], problem)):
             break
         (linear, accepted), found = longer, ()
+        if any(follows_the_time(c.id) for c in accepted):  # has no name, and leaves room for none
+            return _Search("unexplained", [], before, before, ranking, accepted)
     rest, (needed, linear) = [c for c in found if is_proven(c, linear)], pruned(linear, accepted)
     learned = len(problem.patterns) > 0
     uneven = any(is_uneven(c, problem) for c in needed)

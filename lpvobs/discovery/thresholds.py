@@ -13,7 +13,7 @@ SPACING = 0.0973
 (set-points of a cycle, tasks of a control unit) is seen at all phases. Set by clean logs of all cycles: at tenths of a second,
 kinks at whole seconds looked like a delay of half a millisecond; twice of it turns a verdict of run 11."""
 TAKEN = 0.9
-"""[1] Share of what a balance tells that every other instant must tell. Set by time: an engine with 0.99 took twice of it."""
+"""[1] Share of what a balance tells that instants farther apart must tell. Set by time: an engine with 0.99 took twice of it."""
 MOST_INSTANTS = 15000
 """[1] Largest number of instants of all logs together. Beyond 25 minutes of driving the instants lie farther apart. Set by time:
 one hour of driving is searched within a minute."""
@@ -324,7 +324,7 @@ FORM_OVER_MORE = 1.05
 reads 15 hPa too high: three names, and the formula left 0.98 of what they do."""
 FORM_CLEAR = 30.0
 """[1] Gain by which a formula must surpass one listed effect to take its place where healthy drives tell, and by which it may stay
-behind three, or behind names of the sensor with a channel's curve among them; by which it must surpass such a curve, and any name that
+behind three, or behind names of the sensor with a channel's curve among them; by which it must surpass such a curve, or a name that
 is given up for it. Set by 18 drives of seed 498771: over the right effect the best formula gained 14 at most, the true one over a
 wrong effect 34, over a channel's curve 44 to 335."""
 FORM_SHARE = 0.01

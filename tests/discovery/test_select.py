@@ -10,7 +10,7 @@ import scipy
 from lpvobs.discovery import form_search, joint_choice, ranking, rival_forms, select
 from lpvobs.discovery.courses import TracedCourse
 from lpvobs.discovery.evidence import Candidate
-from lpvobs.discovery.forms import have_a_cause, share_a_signal
+from lpvobs.discovery.forms import follows_the_time, share_a_signal
 from lpvobs.discovery.patterns import Seeming
 from lpvobs.discovery.ranking import FAMILIES, chance, drives_needed, is_proven
 from lpvobs.discovery.thresholds import COST, LEAST_LENGTH, POOLED, SIGNIFICANT_LEARNED, SLIGHT
@@ -270,9 +270,30 @@ def test_a_curve_over_a_channel_has_a_signal_in_common_with_formulas_and_the_tim
     """A housing that warmed up was a formula of the time squared beside a curve over the coolant's temperature."""
     ids = [f"channel:{channel}"] * bool(channel) + [f"form:{form}"] * bool(form)
     assert share_a_signal(ids) == alike
-    assert have_a_cause(ids) == (
-        alike and "time" not in (form or "")
+    assert any(map(follows_the_time, ids)) == (
+        "time" in (form or "")
     )  # it was one of the time and the valve's opening, too
+
+
+@pytest.mark.parametrize(
+    ("product", "verdict", "steps"), [("(time - 335 s)", "unexplained", 1), ("u_egr", "effect", 2)]
+)
+def test_a_search_ends_where_a_formula_that_follows_the_time_leads(searched, product, verdict, steps):
+    """Two further steps beside it took a quarter of the time, and left what has no name."""
+    term = SimpleNamespace(whole=True, effect=SimpleNamespace(place="sensor"), course=None)
+    form, other = (SimpleNamespace(id=id_, term=term) for id_ in (f"form:W_maf ~ W_maf * {product}", "maf.lag"))
+    problem, tried = SimpleNamespace(patterns=(1,), data=1000.0), []
+    model = SimpleNamespace(terms=(SimpleNamespace(course="none"),), problem=problem)
+
+    def best_of(_):
+        tried.append(form)
+        return (form if len(tried) == 1 else other,)
+
+    found = searched(
+        problem, is_relevant=False, is_below_none=False, best_of=best_of, _with_one_more=(model, (form,)),
+        is_proven=lambda candidate, _: candidate is form,
+    )  # fmt: skip
+    assert (found.verdict, found.accepted or found.on_the_way, len(tried)) == (verdict, (form,), steps)
 
 
 @pytest.mark.parametrize(("small", "kept"), [({"b"}, "ac"), ({"b", "c"}, "a"), (set(), "abc"), ({"a", "b", "c"}, "a")])
