@@ -36,17 +36,17 @@ class Lot:
         _, steep, free = self._rows(y[None], shapes - shapes.mean(1, keepdims=True)).beside(1)
         return np.where(np.isfinite(free), steep / np.sqrt(free), np.nan)
 
-    def _rows(self, bases: Array, shapes: Array) -> "Rows":
+    def _rows(self, bases: Array, shapes: Array) -> "Directions":
         rows, n = np.vstack([bases, shapes * bases[0]]), len(bases)
         products = np.hstack([self.nodes.T.dot(rows.T).T, rows @ self.columns])
         white = scipy.linalg.solve_triangular(self.linear.factor, products.T, lower=True, check_finite=False)
         slope, before = rows @ self.residual - products @ self.linear.newton_step, (bases * self.power) @ rows.T
         own = rows[n:] ** 2 @ self.power
-        return Rows(slope, before - white[:, :n].T @ white, own - (white[:, n:] ** 2).sum(0), before, own)
+        return Directions(slope, before - white[:, :n].T @ white, own - (white[:, n:] ** 2).sum(0), before, own)
 
 
 @dataclass(frozen=True)
-class Rows:
+class Directions:
     """Gradient and normal matrix of n bases, and of M products of shapes with the first one."""
 
     slope: Array  # (n + M,)
