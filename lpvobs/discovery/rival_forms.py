@@ -30,12 +30,6 @@ def follows_a_channel(term: Term) -> bool:
     return term.effect.id.startswith(CHANNEL) or (term.course is not None and bool(term.course.input))
 
 
-def says_the_same(form: str, channel: str) -> bool:
-    """Return whether a form is a straight line over the channel of a curve."""
-    own = parsed(form).factors[parsed(form).relative :]
-    return [(factor.of, factor.signal) for factor in own] == [("value", channel.removeprefix(CHANNEL))]
-
-
 def beside_names(linear: Linear, listed: Sequence[Candidate], forms: Sequence[Candidate]) -> Rivals:
     """Return which formulas of the first round rival the names of a model."""
     if not forms:
@@ -54,8 +48,7 @@ def beside_names(linear: Linear, listed: Sequence[Candidate], forms: Sequence[Ca
 def in_place_of(linear: Linear, listed: Sequence[Candidate]) -> Rivals | None:
     """Return a formula in place of curves over channels, or of all errors of the reading if one of them follows a channel.
 
-    It explains clearly more than the curve, and is no straight line over its channel; hardly less than several names with a curve
-    among them, and more than several without.
+    It explains clearly more than the curve; hardly less than several names with a curve among them, and more than several without.
     It is sought with the weights that hold beside the names, where healthy drives tell. None where there is no such name.
     """
     names = range(len(listed))
@@ -71,8 +64,6 @@ def in_place_of(linear: Linear, listed: Sequence[Candidate]) -> Rivals | None:
     for out, more in (*tried, *(([i], -thresholds.FORM_CLEAR) for i in channels)):
         bare = refit(linear, [term for i, term in enumerate(linear.terms) if i not in out])
         for form in best_forms(bare, [replace(listed[out[0]], gain=objective(bare) - left)]):
-            if len(out) == 1 and says_the_same(form.id, listed[out[0]].id):
-                continue
             if objective(refit(bare, [*bare.terms, form.term])) < left + more:
                 return Rivals(form, clearly=True)
     return Rivals()
