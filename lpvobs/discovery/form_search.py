@@ -16,7 +16,6 @@ from lpvobs.discovery.evidence import Candidate, best_first, fit_candidate, scor
 from lpvobs.discovery.fit import fit, linearised, objective, refit
 from lpvobs.discovery.form_gains import Lot
 from lpvobs.discovery.forms import (
-    MOST_DIGITS,
     NAME,
     TIME,
     Factor,
@@ -25,6 +24,7 @@ from lpvobs.discovery.forms import (
     carrier_of,
     recorded_at,
     rms,
+    rounded,
     shape_of,
 )
 from lpvobs.discovery.linear import Linear
@@ -80,10 +80,8 @@ class _Products:
         middle, spread = self.shapes.mean(1), self.shapes.std(1)
         unknowns = np.array([replace(start, factors=(*start.factors, factor)).unknowns for factor in self.factors])
         alone, each = lot.gains(along, self.shapes)
-        gains, references = (
-            [alone, *(gain for gain, _ in each)],
-            [np.zeros((1, middle.size)), *(own for _, own in each)],
-        )
+        gains = [alone, *(gain for gain, _ in each)]
+        references = [np.zeros((1, middle.size)), *(own for _, own in each)]
         scores = np.stack([gain - self.price(unknowns + i, gain) for i, gain in enumerate(gains)], axis=1)
         reach = np.maximum(thresholds.FORM_REACH * spread, np.finfo(float).tiny)
         with np.errstate(over="ignore"):
@@ -97,23 +95,21 @@ class _Products:
         found: dict[str, _Tried] = {}
         for at in np.argsort(scores, axis=None)[::-1]:
             i, many = divmod(int(at), len(gains))
-            form = self._with(start, i, *references[many][:, i])
-            tried = _Tried(float(scores[i, many]), form, lot)
-            found.setdefault(self.factors[i].signal, tried)
+            if self.factors[i].signal not in found:
+                form = self._with(start, i, *references[many][:, i])
+                found[self.factors[i].signal] = _Tried(float(scores[i, many]), form, lot)
             if len(found) == most:
                 break
         return list(found.values())
 
     def _with(self, start: Form, i: int, reference: float, of_product: float = 0.0) -> Form:
-        """Return a form with one factor more, its references as round as the drive allows."""
-        reference = _round(reference, float(self.shapes[i].std()))
-        form = replace(start, factors=(*start.factors, replace(self.factors[i], reference=reference)))
-        return replace(
-            form,
-            reference=_round(of_product, float(_along_pools(form, self.problem, self.first).std()))
-            if of_product
-            else 0.0,
-        )
+        """Return a form with one factor more, its references as round as the drive allows: to a hundredth of what is taken off."""
+        own = float(rounded(reference, 0.01 * float(self.shapes[i].std())))
+        form = replace(start, factors=(*start.factors, replace(self.factors[i], reference=own)))
+        if not of_product:
+            return form
+        spread = float(_along_pools(form, self.problem, self.first).std())
+        return replace(form, reference=float(rounded(of_product, 0.01 * spread)))
 
     def alone(self, lot: Lot, form: Form) -> _Tried:
         """Return a reading that is off by a constant, or by a share of itself, where the catalogue has no effect on it."""
@@ -199,12 +195,6 @@ def shapes_shown(linear: Linear, *begins: float) -> dict[str, list[tuple[float, 
             if np.isfinite(own).all()
         }
     return found
-
-
-def _round(value: float, spread: float) -> float:
-    """Return a number with four digits, or as many that it moves by less than a hundredth of a spread."""
-    near = (float(f"{value:.{digits}g}") for digits in range(4, MOST_DIGITS))
-    return next((each for each in near if abs(each - value) <= 0.01 * spread), value)
 
 
 def _leading(tried: Sequence[_Tried], most: int) -> list[_Tried]:

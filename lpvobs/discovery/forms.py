@@ -26,7 +26,6 @@ from lpvobs.records import Array, Log
 PREFIX = "form:"
 CHANNEL = "channel:"
 TIME = "time"
-MOST_DIGITS = 17  # that tell two numbers apart
 NAME = re.compile(r"[A-Za-z_][\w.]*")  # channels with other names take no part: a formula must be readable
 FACTOR = re.compile(
     r"(?P<open>\()?(?:d\((?P<rate>[\w./]+)\)/dt|lag\((?P<lag>[\w./]+), (?P<tau>\S+) s\)|(?P<value>[\w./]+))"
@@ -178,11 +177,15 @@ def rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
+def rounded(value: float, within: float = 0.0) -> str:
+    """Return a number with four digits, or as many that it moves by `within` at most; seventeen tell any two numbers apart."""
+    texts = (f"{value:.{digits}g}" for digits in range(4, 18))
+    return next(text for text in texts if abs(float(text) - value) <= within)
+
+
 def _less(reference: float, unit: str) -> str:
-    """Return the end of what is less a reference, in an identifier; four digits are the fewest."""
-    size = abs(reference)
-    text = next((t for digits in range(4, MOST_DIGITS) if float(t := f"{size:.{digits}g}") == size), repr(size))
-    return f"{'-' if reference > 0 else '+'} {text}" + ("" if unit == "1" else f" {unit}")
+    """Return the end of what is less a reference, in an identifier."""
+    return f"{'-' if reference > 0 else '+'} {rounded(abs(reference))}" + ("" if unit == "1" else f" {unit}")
 
 
 def _reference(found: re.Match[str]) -> float:
