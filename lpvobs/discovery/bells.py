@@ -5,14 +5,14 @@ as many as it takes. Bells overlap, so before any data their weights depend on e
 weights do not.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Annotated
 
 import numpy as np
 import scipy
 
-from lpvobs.discovery.thresholds import FAR, RIDGE
+from lpvobs.discovery.thresholds import FAR, RIDGE, SHAPES, SHARPER
 from lpvobs.records import Array, Item
 
 
@@ -35,6 +35,9 @@ class Bells:
         Array,
         Item("kg/s", "root U of the weights' covariance U U^T, in independent columns", ("feature", "other_feature")),
     ]
+    daily: Annotated[
+        Array, Item("1", "weights of shapes of unit size that differ from day to day, independent", ("bell", "shape"))
+    ]
 
     def along(self, inputs: Array) -> Array:
         """Return bells and lines, shape (k, f), of inputs of shape (k, c + r)."""
@@ -47,11 +50,22 @@ class Bells:
         """Return the function without its lines, (k,), of bells and lines: what it is where nothing changes."""
         return np.asarray(along[:, : len(self.centres)] @ self.weights[: len(self.centres)])
 
+    def of_day(self, along: Array) -> Array:
+        """Return what may differ from one day to the next, (k, 1 + shapes), of unit size: a level, and shorter bells."""
+        shorter = along[:, : len(self.centres)] ** SHARPER
+        return np.hstack([np.ones((len(along), 1)), shorter @ self.daily])
+
+    def with_days(self, inputs: Array) -> "Bells":
+        """Return the same with the shapes of a day that vary most along inputs, shape (k, c)."""
+        own, along = (bells_of(x, self.centres, self.lengths) ** SHARPER for x in (self.centres, inputs))
+        root = _root(own)
+        _, axes = np.linalg.eigh(root @ along.T @ along @ root.T)
+        return replace(self, daily=root.T @ axes[:, ::-1][:, :SHAPES])
+
     @cached_property
     def root(self) -> Array:
         """R, shape (m, m): before any data, the features R b of the bells b have independent weights of unit variance."""
-        own = bells_of(self.centres, self.centres, self.lengths)
-        return np.linalg.inv(np.linalg.cholesky(own + RIDGE * np.eye(len(own))))
+        return _root(bells_of(self.centres, self.centres, self.lengths))
 
     def root_with_lines(self, f: int) -> Array:
         """Return the same for bells and lines, shape (f, f); the lines' weights are independent as they are."""
@@ -76,6 +90,10 @@ class Bells:
         by_channel = (pulled @ self.centres - pulled.sum(1)[:, None] * inputs[:, :c]) / self.lengths**2
         slopes = np.hstack([by_channel, np.broadcast_to(lines, (len(inputs), lines.size))])
         return np.asarray(slopes * (np.abs(inputs) < FAR))
+
+
+def _root(kernel: Array) -> Array:
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(kernel + RIDGE * np.eye(len(kernel)))))
 
 
 def bells_of(x: Array, centres: Array, lengths: Array) -> Array:

@@ -1,12 +1,13 @@
 """What the balances leave on healthy drives, so that another drive is asked for what has changed.
 
 No engine is its model. The constants are those that all balances of the healthy drives show. What a balance leaves then is a
-smooth function of the signals, the same on all drives, and errors that last all day, for minutes, or a few instants; their
-variances are those of largest likelihood. The function is taken off the residual of another drive. What is not known of it, and
-the slow errors, are unknowns of that drive's search with the covariance that healthy drives leave. So are those combinations of
-the engine's constants that the drive can show; where the healthy drives have been, too, the function goes along with the constants,
-and their effect cancels. So does an error of the map: what healthy drives tell at a node is the sum of both. The fast error widens
-the noise. Where an effect corrects a channel, the function goes along by its derivative.
+smooth function of the signals, the same on all drives, and errors beside it; their variances are those of largest likelihood.
+Some last for a few instants, some for minutes, and some all day: a level, and a smooth function that is another one every day.
+The function is taken off the residual of another drive. What is not known of it, and the slow errors, are unknowns of that
+drive's search with the covariance that healthy drives leave. So are those combinations of the engine's constants that the drive
+can show; where the healthy drives have been, too, the function goes along with the constants, and their effect cancels. So does
+an error of the map: what healthy drives tell at a node is the sum of both. The fast error widens the noise. Where an effect
+corrects a channel, the function goes along by its derivative.
 
 The function is a Gaussian process: bells over the channels around instants of the healthy drives, and a line over their rates,
 since sensors that are slow when the engine is healthy stay slow. How far a bell reaches along each channel is what makes the
@@ -51,7 +52,7 @@ class HealthyDrive:
         Array, Item("1", "share of the function's variance that its bells lack on these drives", ("balance",))
     ]
     slow: Annotated[
-        Array, Item("kg/s", "standard deviation of the error that lasts all day, and for minutes", ("balance", "error"))
+        Array, Item("kg/s", "standard deviation of the errors that last all day, and for minutes", ("balance", "error"))
     ]
     of_map: Annotated[
         Array,
@@ -240,8 +241,9 @@ class HealthyDrive:
 
     def _slow(self, problem: Problem, along: Array, b: int, wider: Array) -> Array:
         """Return what the slow error of a balance may look like, independent and of unit size, as far as data tell, (m, K)."""
-        each = zip(self.slow[b], (logs_of(problem), minutes_of(problem)), strict=True)
-        every = np.hstack([along @ self.bells[b].unsure, *(size * columns for size, columns in each)])
+        days = scipy.linalg.khatri_rao(logs_of(problem).T, self.bells[b].of_day(along).T).T
+        each = [size * columns for size, columns in zip(self.slow[b], (days, minutes_of(problem)), strict=True)]
+        every = np.hstack([along @ self.bells[b].unsure, *each])
         every = every * problem.shown[b][:, None]
         strength, modes = np.linalg.eigh(every.T @ (every / (self.scale[b] ** 2 * wider)[:, None]))
         return np.ascontiguousarray((every @ modes[:, strength > thresholds.TOLD]).T)

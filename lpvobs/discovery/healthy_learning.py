@@ -6,7 +6,7 @@ Each healthy drive is judged by the others, too: the size of an effect varies by
 differs from day to day. A fault must be larger.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -29,7 +29,7 @@ from lpvobs.discovery.healthy_drive import (
     with_map,
 )
 from lpvobs.discovery.imbalances import imbalances_at, map_along, operating_nodes, scenes_with
-from lpvobs.discovery.likeliest import LEAST_PIECES, START, likeliest, likeliest_lengths, pieces, usual_lengths
+from lpvobs.discovery.likeliest import LEAST_PIECES, Likeliest, at_first, likeliest, pieces
 from lpvobs.discovery.map_prior import MapPrior
 from lpvobs.discovery.noise import beyond_usual
 from lpvobs.discovery.normal import map_normal
@@ -152,18 +152,16 @@ def left_of(problem: Problem, logs: Sequence[str]) -> HealthyDrive:
     left = imbalances_at(problem, scenes, np.zeros(problem.spread.size)).reshape(B, 2, K)
     left = left - (problem.by_reading * map_along(problem.prior.mean, operating_nodes(problem, scenes)))[:, None]
     bare, mean = _bare(problem, logs), left.mean(1)
-    function, shares = np.zeros((B, K)), np.tile(START, (B, 1))
+    inputs, found = bare.inputs(problem).mean(0), [at_first(len(bare.channels), K)] * B
     for number in range(thresholds.HEALTHY_PASSES):
-        scale = _scales(mean - function, problem)
-        rows = list(zip(problem.shown, mean, scale, shares.copy(), strict=True))
-        if number:  # the scale is that of noise now
-            bare = _with_lengths(bare, problem, rows)
-        for b, (along, row) in enumerate(zip(bare.along(problem), rows, strict=True)):
-            shares[b], weights = likeliest(problem, along, bare.bells[b].root_with_lines(along.shape[1]), *row)
-            function[b] = along @ weights
+        scale = _scales(mean - np.array([own.function for own in found]), problem)
+        rows = zip(problem.shown, mean, scale, found, strict=True)
+        # the scale is that of noise from the second pass on
+        found = [likeliest(problem, inputs, *row, other_lengths=number > 0) for row in rows]
+    bare = _placed(bare, problem, found)
     every = np.concatenate([left[None], with_map(problem, by_constants(problem)).reshape(-1, B, 2, K)]).swapaxes(0, 1)
-    views, of_each = bare.inputs(problem), zip(bare.bells, problem.shown, every, scale, shares, strict=True)
-    each = [_learned(problem, bells, views, *row) for bells, *row in of_each]
+    views, of_each = bare.inputs(problem), zip(bare.bells, problem.shown, every, scale, found, strict=True)
+    each = [_learned(problem, bells, views, on, y, own, best.variances) for bells, on, y, own, best in of_each]
     bells, *others = zip(*each, strict=True)
     own = _LearnedBalance(bells, *map(np.array, others))
     before, rest = scale, _scales(mean - own.along, problem)
@@ -187,7 +185,7 @@ class _LearnedBalance(NamedTuple):
     """What is learned of one balance, or of each along a further axis."""
 
     bells: Any
-    along: Array  # (K,) the function along the places
+    along: Array  # (K,) the function along the places, and what differs on that day
     information: Array  # (n, n) on the constants
     amplitude: Any
     lasting: Any
@@ -202,24 +200,25 @@ def _learned(
     shown: NDArray[np.bool_],
     left: Array,
     scale: Array,
-    shares: Array,
+    variances: Array,
 ) -> _LearnedBalance:
     """Return what a balance leaves where it counts, as a function that is the same on all logs, and the errors beyond.
 
     `left` has shape (1 + n, 2, K): what the balance leaves, and its derivatives by the engine's n constants. `views` are the inputs
-    of the bells in both views, `shares` the logarithms of the variances that means over `PIECE` show.
+    of the bells in both views, `variances` those that means over `PIECE` show.
     """
     f, n = len(bells.centres) + views.shape[2] - bells.lengths.size, len(left) - 1
     logs = problem.of_log[shown][pieces(problem, shown)]
     if logs.size < LEAST_PIECES:
         nothing = replace(bells, weights=np.zeros(f), by_constant=np.zeros((f, n)), unsure=np.zeros((f, f)))
         return _LearnedBalance(nothing, np.zeros(shown.size), np.zeros((n, n)), 0.0, 1.0, 0.0, np.zeros(2))
-    lasting, *variances = np.exp(shares)
-    size, *slow = np.median(scale[shown]) * np.sqrt(variances)
+    lasting, (size, *slow) = variances[0], np.median(scale[shown]) * np.sqrt(variances[1:])
     products, seen_by, information = np.zeros((f, f)), np.zeros((f, 1 + n)), np.zeros((n, n))
+    along, of_day = 0.5 * (bells.along(views[0]) + bells.along(views[1])), []
     for i in np.unique(logs):
         on = shown & (problem.of_log == i)
-        own = np.hstack([np.full((on.sum(), 1), slow[0]), slow[1] * memory(problem, i)[on[problem.of_log == i]]])
+        days = slow[0] * bells.of_day(along[on])
+        own = np.hstack([days, slow[1] * memory(problem, i)[on[problem.of_log == i]]])
         weight = np.sqrt(0.5 / lasting) / scale[on]
         gram, seen = np.zeros([f + own.shape[1]] * 2), np.zeros((f + own.shape[1], 1 + n))
         for view, here, other in zip(views, (0, 1), (1, 0), strict=True):
@@ -233,6 +232,7 @@ def _learned(
         products += gram[:f, :f] - gram[:f, f:] @ known[:, :f]
         seen_by += seen[:f] - gram[:f, f:] @ known[:, f:]
         information -= seen[f:, 1:].T @ known[:, f + 1 :]
+        of_day.append((on, days, known[: days.shape[1], : f + 1]))
     root = size * bells.root_with_lines(f)
     factor = scipy.linalg.cholesky(np.eye(f) + root @ products @ root.T, lower=True)
     # U = L^-1 R, and U' U is the weights' covariance
@@ -240,8 +240,9 @@ def _learned(
     answers = features @ seen_by
     information -= answers[:, 1:].T @ answers[:, 1:]
     weights = features.T @ answers
-    middle = 0.5 * (bells.along(views[0]) + bells.along(views[1]))
-    function, missed = middle @ weights[:, 0], float(bells.missed(views, middle)[shown].mean())
+    function, missed = along @ weights[:, 0], float(bells.missed(views, along)[shown].mean())
+    for on, days, known in of_day:
+        function[on] += days @ (known[:, f] - known[:, :f] @ weights[:, 0])
     found = replace(bells, weights=weights[:, 0], by_constant=weights[:, 1:], unsure=features.T)
     return _LearnedBalance(found, function, information, float(size), float(lasting), missed, np.array(slow))
 
@@ -267,31 +268,21 @@ def _bare(problem: Problem, logs: Sequence[str]) -> HealthyDrive:
     )
     channels = (*(name for name in moving if name != SENSOR), *states)
     along = np.stack([*(problem.over_all(name) for name in channels), *(s.rate[name] for name in moving)], axis=1)
-    balances, nothing = problem.model.balances, Bells(*[np.zeros((0, 0))] * 5)
-    bare = HealthyDrive(
+    balances, nothing = problem.model.balances, Bells(*[np.zeros((0, 0))] * 6)
+    return HealthyDrive(
         logs=tuple(logs), balances=balances, channels=channels, rates=moving, middle=along.mean(0), spread=along.std(0),
         bells=(nothing,) * len(balances), amplitude=none, of_map=none, deviation=np.zeros(len(problem.model.names)),
         covariance=none, scale=none, lasting=none, missed=none, slow=none, effects=(), whole=none, late=none, beyond=none,
     )  # fmt: skip
-    return _placed(bare, problem, [(usual_lengths(len(channels)), START)] * len(balances))
 
 
-def _with_lengths(bare: HealthyDrive, problem: Problem, rows: Iterable[tuple[Any, ...]]) -> HealthyDrive:
-    """Return the same with bells of the likeliest lengths, and as many as these ask for.
-
-    `rows` are what `likeliest_lengths` asks of each balance.
-    """
-    inputs, c = bare.inputs(problem).mean(0), len(bare.channels)
-    return _placed(bare, problem, [likeliest_lengths(problem, inputs[:, :c], inputs[:, c:], *row) for row in rows])
-
-
-def _placed(bare: HealthyDrive, problem: Problem, each: Sequence[tuple[Array, Array]]) -> HealthyDrive:
-    """Return the same with bells where the balances count, of lengths and for logarithms of variances, (4,), in each of them."""
+def _placed(bare: HealthyDrive, problem: Problem, each: Sequence[Likeliest]) -> HealthyDrive:
+    """Return the same with bells where the balances count, of the likeliest lengths, and as many as the variances ask for."""
     inputs, bells = bare.inputs(problem)[0][:, : len(bare.channels)], []
-    for empty, shown, (lengths, shares) in zip(bare.bells, problem.shown, each, strict=True):
-        enough = thresholds.UNTOLD / max(1.0, float(np.exp(shares[1])))
-        centres = spread_out(inputs[shown] / lengths, thresholds.BELLS, enough) * lengths
-        bells.append(replace(empty, centres=centres, lengths=lengths))
+    for empty, shown, own in zip(bare.bells, problem.shown, each, strict=True):
+        enough = thresholds.UNTOLD / max(1.0, own.variances[1])
+        centres = spread_out(inputs[shown] / own.lengths, thresholds.BELLS, enough) * own.lengths
+        bells.append(replace(empty, centres=centres, lengths=own.lengths).with_days(inputs[shown]))
     return replace(bare, bells=tuple(bells))
 
 

@@ -1,6 +1,8 @@
 """How far the bells of a healthy engine's function reach, and how large its errors are: what makes its drives likeliest.
 
-Both see means over some seconds of what a balance leaves: cov = fast error + function + errors that last all day, and for minutes.
+Means over some seconds of what a balance leaves are a Gaussian process: fast errors, the function, which is the same on all drives,
+errors that last for minutes, and what differs from day to day. That is a level and a function of shorter bells: on one day an
+engine breathes otherwise at idle, on another at full load.
 """
 
 from typing import NamedTuple
@@ -10,23 +12,29 @@ import scipy
 from numpy.typing import NDArray
 
 from lpvobs.discovery import thresholds
-from lpvobs.discovery.healthy_drive import logs_of, minutes_of
+from lpvobs.discovery.bells import bells_of
+from lpvobs.discovery.healthy_drive import minutes_of
 from lpvobs.discovery.residual import Problem
 from lpvobs.records import Array
 
 _SLOW = float(np.log(thresholds.SLOW_SHARE))
-# logarithms of the variances of the fast error, the function, and the slow ones
 START = np.array([1.0, 0.0, _SLOW, _SLOW])
+"""Logarithms of the variances of the fast error, the function, and the slow ones, before any data."""
 LEAST_PIECES = 10  # pieces below which nothing is learned of a balance
 _BOUNDS = ((0.0, 6.0), (-9.0, 12.0), (-9.0, 4.0), (-9.0, 4.0))  # of the logarithms of the four variances
 
 
-class _Means(NamedTuple):
-    """The places where a balance counts, as P means over `PIECE`."""
+class Likeliest(NamedTuple):
+    """What makes the drives likeliest, of a balance along K places."""
 
-    of: "scipy.sparse.csr_array"  # (P, K) what takes the means of values along the places; a search does not load it
-    total: Array  # (P,) weight of each
-    usual: float  # scale of the residual
+    lengths: Array  # (c,) of the bells along each channel
+    variances: Array  # (4,) of the fast error, the function, what differs from day to day, and what lasts for minutes
+    function: Array  # (K,) what the balance leaves on all drives, and on that day
+
+
+def at_first(c: int, K: int) -> Likeliest:
+    """Return what is known before any data: c channels tell the same, and there is no function."""
+    return Likeliest(np.full(c, np.sqrt(c)), np.exp(START), np.zeros(K))
 
 
 def pieces(problem: Problem, shown: NDArray[np.bool_]) -> NDArray[np.int64]:
@@ -34,121 +42,78 @@ def pieces(problem: Problem, shown: NDArray[np.bool_]) -> NDArray[np.int64]:
     return np.flatnonzero(np.diff((problem.clock[shown] // thresholds.PIECE).astype(np.int64), prepend=-1))
 
 
-def usual_lengths(c: int) -> Array:
-    """Return the lengths of bells before any data, (c,), in standard deviations of c channels that all tell the same."""
-    return np.full(c, np.sqrt(c))
+def likeliest(
+    problem: Problem,
+    inputs: Array,
+    shown: NDArray[np.bool_],
+    left: Array,
+    scale: Array,
+    start: Likeliest,
+    other_lengths: bool = True,
+) -> Likeliest:
+    """Return lengths and variances of largest likelihood, and the function at the places, from those of a start.
 
-
-def likeliest_lengths(
-    problem: Problem, channels: Array, rates: Array, shown: NDArray[np.bool_], left: Array, scale: Array, start: Array
-) -> tuple[Array, Array]:
-    """Return the length of a balance's bells along every channel, (c,), and the logarithms of the variances beside them, (4,).
-
-    The lengths are in the units of `channels`, where the balance counts. `channels` have shape (K, c), `rates` (K, r), `left` and
-    `scale` have K rows. `start` are the variances that `likeliest` returns. The covariance is that of a Gaussian process with a
-    length of its own for every channel, at the means of the channels: what is fast within `PIECE` seems to be noise.
+    `inputs` are c channels and r rates, shape (K, c + r), in which the lengths are. `left` and `scale` have K rows, `shown` says
+    where the balance counts. The variances are in usual scales squared. Without `other_lengths` those of the start stay. The
+    process is that at the means of the channels: what is fast within `PIECE` seems to be noise.
     """
-    c = channels.shape[1]
-    means = _means(problem, shown, scale)
-    if means is None:
-        return usual_lengths(c), start
-    y, x, lines, t, log = (
-        means.of @ z for z in (left / means.usual, channels, rates, problem.clock, problem.of_log.astype(float))
+    first, c = pieces(problem, shown), start.lengths.size
+    if first.size < LEAST_PIECES:
+        return start._replace(function=np.zeros(shown.size))
+    weight, usual = scale[shown] ** -2.0, float(np.median(scale[shown]))
+    total = np.add.reduceat(weight, first)
+    y, x, minutes, log = (
+        (np.add.reduceat(weight * values[shown].T, first, axis=-1) / total).T
+        for values in (left / usual, inputs, minutes_of(problem), problem.of_log.astype(float))
     )
-    day = (np.abs(log[:, None] - log) < 0.5).astype(float)
-    minutes = day * np.exp(-np.abs(t[:, None] - t) / thresholds.MEMORY)
-    noise, usual = np.diag(1.0 / (means.total * means.usual**2)), -np.log(usual_lengths(c))
+    x, rates, day = x[:, :c], x[:, c:], (np.abs(log[:, None] - log) < 0.5).astype(float)
+    parts = np.diag(1.0 / (total * usual**2)), rates @ rates.T, day, minutes @ minutes.T
+    before, usually = -np.log(start.lengths), -np.log(at_first(c, 0).lengths)
     shortest, longest = np.log(thresholds.BELL_LENGTHS)
+    bounds = np.array([usually - longest, usually - shortest] if other_lengths else [before, before]).T
+    of_days = _BOUNDS[2] if np.ptp(log) > 0.0 else (_SLOW, _SLOW)  # one drive does not tell how much days differ
     best = scipy.optimize.minimize(
-        unlikely_lengths, np.append(start, usual), (y, x, (noise, lines @ lines.T, day, minutes)), jac=True, method="L-BFGS-B",
-        bounds=[*_BOUNDS, *zip(usual - longest, usual - shortest, strict=True)], tol=1e-4,
+        unlikely, np.append(np.log(start.variances), before), (y, x, parts), jac=True, method="L-BFGS-B", tol=1e-4,
+        bounds=[*_BOUNDS[:2], of_days, _BOUNDS[3], *bounds],
     )  # fmt: skip
-    return np.exp(-best.x[4:]), best.x[:4]
+    variances, lengths = np.exp(best.x[:4]), np.exp(-best.x[4:])
+    alpha = scipy.linalg.cho_solve((_covariance(best.x, x, parts)[0], True), y)
+    function = variances[1] * inputs[:, c:] @ (rates.T @ alpha)
+    for on in np.array_split(np.arange(shown.size), first.size // LEAST_PIECES):  # not all at once: an hour has 100 MB
+        bells, same = bells_of(inputs[on, :c], x, lengths), np.abs(problem.of_log[on, None] - log) < 0.5
+        function[on] += (variances[1] * bells + variances[2] * same * (1.0 + bells**thresholds.SHARPER)) @ alpha
+    return Likeliest(lengths, variances, usual * function)
 
 
-def unlikely_lengths(z: Array, y: Array, x: Array, parts: tuple[Array, ...]) -> tuple[float, Array]:
+def unlikely(z: Array, y: Array, x: Array, parts: tuple[Array, ...]) -> tuple[float, Array]:
     """Return the negative logarithm of the likelihood of P means y, (P,), and its derivatives by z, (4 + c,).
 
     z are the logarithms of four variances, and of the inverse lengths along c channels x, (P, c). `parts` are the covariances,
     (P, P), of unit variance, of noise, lines, and the errors of a day and of minutes.
     """
+    factor, bells, shorter, every = _covariance(z, x, parts)
     variance, steep = np.exp(z[:4]), np.exp(2.0 * z[4:])
-    scaled = x * np.sqrt(steep)
-    distance = (scaled**2).sum(1)[:, None] + (scaled**2).sum(1) - 2.0 * scaled @ scaled.T
-    bells = np.exp(-0.5 * np.maximum(distance, 0.0))
-    noise, lines, *slow = parts
-    parts = (noise, bells + lines, *slow)
-    factor = scipy.linalg.cholesky(np.tensordot(variance, parts, 1), lower=True)
     below = scipy.linalg.lapack.dpotri(factor, lower=True)[0]
     inverse = np.tril(below) + np.tril(below, -1).T
     alpha = inverse @ y
     # the derivative of the likelihood by the covariance C is tr((C^-1 - alpha alpha') dC) / 2, with alpha = C^-1 y
     by_covariance = inverse - np.outer(alpha, alpha)
-    by_bells = variance[1] * by_covariance * bells
+    by_bells = (variance[1] * bells + thresholds.SHARPER * variance[2] * shorter) * by_covariance
     by_length = steep * ((x * (by_bells @ x)).sum(0) - by_bells.sum(1) @ x**2)
-    by_variance = 0.5 * variance * [(by_covariance * part).sum() for part in parts]
-    # before any data: the variances as in `likeliest`; most channels tell as much as the others, a few nothing (Cauchy)
+    by_variance = 0.5 * variance * [(by_covariance * part).sum() for part in every]
+    # before any data most channels tell as much as the others, a few nothing (Cauchy)
     away = (z[1:4] - _SLOW) / thresholds.SLOW_SPREAD
-    other = (z[4:] + np.log(usual_lengths(x.shape[1]))) / thresholds.LENGTH_SPREAD
+    other = (z[4:] + np.log(at_first(x.shape[1], 0).lengths)) / thresholds.LENGTH_SPREAD
     by_variance[1:] += away / thresholds.SLOW_SPREAD
     by_length += 2.0 * other / (1.0 + other**2) / thresholds.LENGTH_SPREAD
     own = 0.5 * (y @ alpha + away @ away) + np.log(np.diag(factor)).sum() + np.log1p(other**2).sum()
     return float(own), np.append(by_variance, by_length)
 
 
-def likeliest(
-    problem: Problem,
-    along: Array,
-    root: Array,
-    shown: NDArray[np.bool_],
-    left: Array,
-    scale: Array,
-    start: Array = START,
-) -> tuple[Array, Array]:
-    """Return the logarithms of the variances of largest likelihood, and the weights of the function, (m,), of a balance.
-
-    The variances are those of the fast error, the function, and the slow ones, where the balance counts. `along`, bells and lines,
-    `left` and `scale` have K rows, one a place; `root`, (m, m), makes independent features of bells and lines.
-    """
-    means, m = _means(problem, shown, scale), along.shape[1]
-    if means is None:
-        return start, np.zeros(m)
-    slow, total = [means.of @ each for each in (logs_of(problem), minutes_of(problem))], means.total
-    y, columns = means.of @ left, means.usual * np.hstack([(means.of @ along) @ root.T, *slow])
-    of = np.repeat([0, 1, 2], [m, *(each.shape[1] for each in slow)])
-    gram, seen, alone = columns.T @ (total[:, None] * columns), columns.T @ (total * y), float(y @ (total * y))
-
-    def posterior(x: Array) -> tuple[Array, Array, Array]:
-        # cov(y) = e^x_0 / total + M S^2 M', where S has e^(x_i / 2) for the columns of kind i. By Woodbury, in as many
-        # dimensions as there are columns: B = 1 + e^-x_0 S M' total M S, and B^-1 is the covariance of their sizes.
-        S = np.exp(0.5 * x[1:])[of]
-        factor = scipy.linalg.cholesky(np.eye(of.size) + np.exp(-x[0]) * np.outer(S, S) * gram, lower=True)
-        return S, factor, np.exp(-x[0]) * scipy.linalg.cho_solve((factor, True), S * seen)
-
-    def unlikely(x: Array) -> tuple[float, Array]:
-        S, factor, sizes = posterior(x)
-        known = 1.0 - (scipy.linalg.solve_triangular(factor, np.eye(of.size), lower=True) ** 2).sum(0)
-        misfit = np.exp(-x[0]) * float(alone - sizes @ (S * seen))
-        away = (x[1:] - _SLOW) / thresholds.SLOW_SPREAD
-        own = misfit + y.size * x[0] - np.log(total).sum() + 2.0 * np.log(np.diag(factor)).sum() + away @ away
-        fast = y.size - known.sum() - misfit + sizes @ sizes
-        others = np.bincount(of, known - sizes**2, minlength=3) + 2.0 * away / thresholds.SLOW_SPREAD
-        return 0.5 * float(own), 0.5 * np.array([fast, *others])
-
-    best = scipy.optimize.minimize(unlikely, start, jac=True, method="L-BFGS-B", bounds=_BOUNDS)
-    S, _, sizes = posterior(best.x)
-    return best.x, means.usual * root.T @ (S * sizes)[:m]
-
-
-def _means(problem: Problem, shown: NDArray[np.bool_], scale: Array) -> _Means | None:
-    """Return the means where a balance counts, shape (K,); None where there are too few."""
-    first = pieces(problem, shown)
-    if first.size < LEAST_PIECES:
-        return None
-    weight = scale[shown] ** -2.0
-    total = np.add.reduceat(weight, first)
-    share = weight / np.repeat(total, np.diff(first, append=weight.size))
-    mean = scipy.sparse.csr_array(
-        (share, np.flatnonzero(shown), np.append(first, share.size)), (first.size, shown.size)
-    )
-    return _Means(mean, total, float(np.median(scale[shown])))
+def _covariance(z: Array, x: Array, parts: tuple[Array, ...]) -> tuple[Array, Array, Array, tuple[Array, ...]]:
+    """Return the lower factor of the covariance, the bells, the shorter ones of the same day, and its four parts, all (P, P)."""
+    noise, lines, day, minutes = parts
+    bells = bells_of(x, x, np.exp(-z[4:]))
+    shorter = day * bells**thresholds.SHARPER
+    every = noise, bells + lines, day + shorter, minutes
+    return scipy.linalg.cholesky(np.tensordot(np.exp(z[:4]), every, 1), lower=True), bells, shorter, every

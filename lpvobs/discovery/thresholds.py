@@ -21,8 +21,7 @@ HALF_WIDTH = 0.1
 """[s] Half width of the smoothing windows around instants. Set by choice: wider ones blur fast transients more, narrower ones let
 more noise through; twice of it turns two verdicts of run 11."""
 WIDER = 1.5
-"""[1] Factor on the width of the windows for the second fit, which shows how far a size depends on that width. Set by trial, no
-run is recorded."""
+"""[1] Factor on the windows' width for the fit that shows how far a size depends on it. Set by trial, no run is recorded."""
 LEAST_SAMPLES = 14
 """[1] Samples that a window must hold. Set by choice: seven for each half of the samples, for a parabola; held by run 11."""
 MOST_LEVELS = 3
@@ -55,8 +54,7 @@ LEAST_IN_CELL = 5.0
 FIRST_NOISE = 1e-3
 """[kg/s] Noise that every balance is given before the first fit. Set by choice: any value, the first pass replaces it."""
 SHORT = 4.0
-"""[s] Time constant with which the fast error of a learned model decays. Set by trial on the healthy recording of the real engine,
-no run is recorded."""
+"""[s] Time constant with which a learned model's fast error decays. Set by trial on the real engine's healthy recording."""
 AT_ONCE = 0.25
 """[1] Share of the fast error that is new in every block. Set by trial on the same recording."""
 SLOW = 100.0
@@ -81,6 +79,11 @@ BELL_LENGTHS = (0.5, 50.0)
 ones follow what one drive happens to leave; a seventh of it raised the error of the power balance by half."""
 LENGTH_SPREAD = 0.25
 """[1] Half width of Cauchy's distribution of the logarithm of that length. Set by choice: few channels differ from the others."""
+SHARPER = 4.0
+"""[1] Power of the bells that makes those by which days differ: they reach half as far. Set by three clean drives that were idle
+in another way than the healthy ones: bells as long as the function's named two of them, these one."""
+SHAPES = 40
+"""[1] Most shapes by which a balance of one day differs. Set by time: each is an unknown of a search."""
 PIECE = 6.0
 """[s] Length of the means that show the errors of a healthy engine. Set by choice: their scatter counts as fast."""
 MEMORY = 60.0
@@ -118,11 +121,9 @@ ANEW = 5
 MOST_STEPS = 12
 """[1] Gauss-Newton steps between two sets of weights. Set by time: a fit that needs more gets new weights and goes on."""
 MOST_HALVINGS = 4
-"""[1] Lengths that are tried of a Gauss-Newton step that raises the sum of squares, each half of the one before. Set by choice: an
-eighth of a step is still a step."""
+"""[1] Lengths tried of a Gauss-Newton step that raises the sum of squares, each half of the last. Set by choice: down to 1/8."""
 STILL = 1.0
-"""[1] A fit, of a model or of one size, stops when a further step would lower the sum of squares, in units of the noise, by less
-than this. Set by choice: half a nat; held by run 11."""
+"""[1] A fit stops when a further step would lower the sum of squares, over the noise, by less. Set by choice; held by run 11."""
 SETTLED = 0.01
 """[1] A fit stops when its own weights would change its residual by less than this. Set by choice: noise is known no better."""
 PIN = 1e6
@@ -344,7 +345,6 @@ FORM_ALIKE = 4
 FORM_RIVALS = 3
 """[1] Forms of one target, each of another signal, that go on from the first screening. Set by trial; held by run 11."""
 FORM_FIRST = 12
-"""[1] Signals that a product of two begins with: those that gain most alone. Set by 23 drives of seed 811111: two of all signals
-gave two other formulas, as right."""
+"""[1] Signals, best alone, that a product of two begins with. Set by 23 drives of seed 811111: of all, two were as right."""
 FORM_TRIED = 6
 """[1] Forms that are fitted beside all unknowns. Set by time."""

@@ -33,7 +33,7 @@ from lpvobs.discovery.imbalances import (
     residual_of,
     scenes_with,
 )
-from lpvobs.discovery.likeliest import START, likeliest, likeliest_lengths, unlikely_lengths, usual_lengths
+from lpvobs.discovery.likeliest import at_first, likeliest, unlikely
 from lpvobs.discovery.map_prior import MapPrior
 from lpvobs.discovery.noise import first_noise
 from lpvobs.discovery.ranking import chance_of_nothing, least_gain
@@ -74,7 +74,7 @@ def other(clean):
 
 @pytest.fixture(scope="module")
 def healthy(plant, config, prior, other):
-    return left_of(lay_out(plant, config.grid(), prior, [other(1)]), ["drive1"])
+    return left_of(lay_out(plant, config.grid(), prior, [other(1), other(3)]), ["drive1", "drive3"])
 
 
 @pytest.mark.parametrize("channel", ["p_em", "n_e"])
@@ -95,7 +95,7 @@ def test_the_function_goes_along_with_a_corrected_channel(healthy, plant, config
 
 def test_what_is_left_where_nothing_changes_is_the_function_without_its_lines():
     """A slope over the rate of the turbine's speed seemed to be a turbine of another efficiency in every transient."""
-    bells = Bells(np.array([[0.0], [1.0]]), np.ones(1), np.array([2.0, -1.0, 5.0]), *[np.zeros(0)] * 2)
+    bells = Bells(np.array([[0.0], [1.0]]), np.ones(1), np.array([2.0, -1.0, 5.0]), *[np.zeros(0)] * 3)
     along = bells.along(np.array([[0.3, 0.0], [0.3, 4.0]]))  # one channel, and one rate
     still, moving = bells.steady(along)
     assert still == moving == pytest.approx(2.0 * np.exp(-0.045) - np.exp(-0.245))
@@ -142,7 +142,7 @@ def test_an_error_of_the_map_cancels_and_hides_no_change(healthy, plant, config,
     """A reading 1.7 g/s too low was `none`: the map may be off by so much, but then healthy drives had left it, too."""
     grid = config.grid()
     off = replace(prior, mean=prior.mean + 2e-3 * np.linspace(-1.0, 1.0, prior.mean.size))
-    learned_beside = left_of(lay_out(plant, grid, off, [other(1)]), ["drive1"])
+    learned_beside = left_of(lay_out(plant, grid, off, [other(1), other(3)]), ["drive1", "drive3"])
     right, wrong = (
         np.sqrt((left(each.taken_off(lay_out(plant, grid, of, [other(2)]))) ** 2).mean(1))
         for each, of in ((healthy, prior), (learned_beside, off))
@@ -155,7 +155,7 @@ def test_an_error_of_the_map_cancels_and_hides_no_change(healthy, plant, config,
     assert set(np.flatnonzero(told)) <= set(visited)
     # all that a shift of the whole map changes: the balances of exhaust and turbine do not read it
     read = healthy.amplitude[:2] > 0.0
-    laid = where_the_map_stands(lay_out(plant, grid, prior, [other(1)]))
+    laid = where_the_map_stands(lay_out(plant, grid, prior, [other(1), other(3)]))
     each = laid.shown[:2].sum(1) / (healthy.scale[:2] ** 2 * np.maximum(healthy.lasting[:2] / laid.spacing, 1.0))
     assert healthy.of_map.sum() == pytest.approx(each[read].sum(), rel=1e-6)
     level = replace(prior, precision=np.linalg.inv(2e-4**2 * np.eye(told.size) + 2e-3**2))  # known but for a constant
@@ -169,7 +169,7 @@ def test_an_error_of_the_map_cancels_and_hides_no_change(healthy, plant, config,
 @pytest.mark.slow
 def test_a_change_is_found_and_no_change_is_not(healthy, plant, config, prior, other, clean):
     same = refine(plant, config.grid(), prior, [other(2)], healthy=healthy).trace
-    assert (same.verdict, same.healthy_drives) == ("none", ("drive1",))
+    assert (same.verdict, same.healthy_drives) == ("none", ("drive1", "drive3"))
     step = np.where(clean.time > 150.0, 1.06, 1.0)
     found = refine(plant, config.grid(), prior, [other(2, step)], healthy=healthy)
     (finding,) = found.trace.findings
@@ -224,11 +224,11 @@ def by_constants(healthy, changed):
 
 def of_balance(problem, inputs, shown, left, scale):
     """Learn a function of lines alone."""
-    none = np.zeros(0)
-    lines = Bells(np.zeros((0, 0)), lengths=none, weights=none, by_constant=none, unsure=none)
-    shares, _ = likeliest(problem, inputs, lines.root_with_lines(inputs.shape[1]), shown, left.mean(0), scale)
+    lines = Bells(*[np.zeros((0, 0))] * 6)
+    lines = replace(lines, lengths=np.zeros(0))
+    variances = likeliest(problem, inputs, shown, left.mean(0), scale, at_first(0, problem.K)).variances
     left = np.broadcast_to(left, (1, 2, left.shape[-1]))
-    return _learned(problem, lines, np.stack([inputs, inputs]), shown, left, scale, shares)
+    return _learned(problem, lines, np.stack([inputs, inputs]), shown, left, scale, variances)
 
 
 def test_the_function_is_told_from_errors_that_last_and_those_that_do_not(laid_out, clean):
@@ -248,6 +248,28 @@ def test_the_function_is_told_from_errors_that_last_and_those_that_do_not(laid_o
     assert np.sum(minutes.bells.unsure**2) > np.sum(new.bells.unsure**2)
 
 
+@pytest.mark.parametrize(("sizes", "least", "most"), [((3.0, -3.0, 1.0), 0.7, 6.0), ((2.0, 2.0, 2.0), 0.0, 0.3)])
+def test_days_differ_by_a_function_of_the_operating_point(laid_out, clean, sizes, least, most):
+    """All that an engine did at idle on a warm day once counted as some hundred errors that others had not shown."""
+    problem = laid_out(*(replace(clean, name=f"day{i}") for i in range(3)))
+    rng, t = np.random.default_rng(12), problem.time
+    inputs = np.stack([np.sin(t / 11.0), np.sin(t / 7.0), np.zeros(problem.K)], axis=1)  # two channels, and a rate
+    shape = np.exp(-2.0 * ((inputs[:, :2] - 0.6) ** 2).sum(1))
+    follows = 2.0 * inputs[:, 0] + np.array(sizes)[problem.of_log] * shape
+    everywhere, one = np.ones(problem.K, dtype=bool), np.ones(problem.K)
+    left = follows + rng.standard_normal(problem.K)
+    found = likeliest(problem, inputs, everywhere, left, one, at_first(2, problem.K))
+    assert least < np.sqrt(found.variances[2]) < most
+    assert np.std(found.function - follows) < 0.5  # half the noise of an instant
+    bells = Bells(inputs[::300, :2], found.lengths, *[np.zeros(0)] * 4).with_days(inputs[:, :2])
+    learned = _learned(
+        problem, bells, np.stack([inputs, inputs]), everywhere, np.tile(left, (1, 2, 1)), one, found.variances
+    )
+    assert np.std(learned.along - follows) < 0.5
+    same = bells.along(inputs) @ learned.bells.weights  # what all three days leave
+    assert np.std((same - follows)[problem.of_log == 2]) < max(1.0, least)
+
+
 def test_a_bell_is_long_along_what_a_balance_does_not_follow(laid_out, clean):
     """The weather of six days once stood beside speed and load, and a seventh day was far from all that was learned."""
     problem = laid_out(clean)
@@ -255,16 +277,14 @@ def test_a_bell_is_long_along_what_a_balance_does_not_follow(laid_out, clean):
     channels = np.stack([np.sin(t / 11.0), np.sin(t / 7.0), np.sin(t / 17.0)], axis=1)
     noise, everywhere = rng.standard_normal(problem.K), np.ones(problem.K, dtype=bool)
     follows = 20.0 * np.tanh(2.0 * channels[:, 1])
-    rows = everywhere, noise + follows, np.ones(problem.K), START
-    lengths, shares = likeliest_lengths(problem, channels, np.zeros((problem.K, 1)), *rows)
-    usual = usual_lengths(3)
+    usual, inputs = at_first(3, problem.K).lengths, np.pad(channels, ((0, 0), (0, 1)))
+    rows = noise + follows, np.ones(problem.K), at_first(3, problem.K)
+    lengths, variances, function = likeliest(problem, inputs, everywhere, *rows)
+    assert np.std(function - follows) < 1.0  # the noise of an instant
     assert lengths[1] < 1.2 * usual[1]
     assert np.all(lengths[[0, 2]] > 3.0 * usual[[0, 2]])
-    assert np.exp(0.5 * shares[1]) == pytest.approx(
-        20.0, rel=0.5
-    )  # the function is as large as it is: its bells follow
-    silent, _ = likeliest_lengths(problem, channels, np.zeros((problem.K, 1)), ~everywhere, *rows[1:])
-    np.testing.assert_array_equal(silent, usual)
+    assert np.sqrt(variances[1]) == pytest.approx(20.0, rel=0.5)  # the function is as large as it is: its bells follow
+    np.testing.assert_array_equal(likeliest(problem, inputs, ~everywhere, *rows).lengths, usual)
 
 
 def test_the_search_for_lengths_has_the_derivatives_of_the_likelihood():
@@ -278,7 +298,7 @@ def test_the_search_for_lengths_has_the_derivatives_of_the_likelihood():
         np.exp(-np.abs(t[:, None] - t) / 10.0),
     )
     z = rng.normal(-0.5, 0.5, 7)
-    value, slope = (lambda v, i=i: unlikely_lengths(v, y, x, parts)[i] for i in (0, 1))
+    value, slope = (lambda v, i=i: unlikely(v, y, x, parts)[i] for i in (0, 1))
     error = scipy.optimize.check_grad(value, slope, z)
     assert error < 1e-4 * np.linalg.norm(slope(z))  # difference quotients have half the digits
 
@@ -293,7 +313,7 @@ def test_bells_stand_where_those_before_tell_least():
 def test_there_are_as_many_bells_as_the_function_is_large():
     """With 150 bells for every balance, most of what a turbine leaves counted as noise, and seven of eight faults were missed."""
     x = np.random.default_rng(4).uniform(0.0, 6.0, (400, 2))
-    few, many = (Bells(spread_out(x, 400, e), np.ones(2), *[np.zeros(0)] * 3) for e in (0.1, 1e-3))
+    few, many = (Bells(spread_out(x, 400, e), np.ones(2), *[np.zeros(0)] * 4) for e in (0.1, 1e-3))
     assert 5 < len(few.centres) < len(many.centres) < 100
     for bells, enough in ((few, 0.1), (many, 1e-3)):
         assert enough / 2 < bells.missed(np.stack([x, x]), bells.along(x)).mean() < enough
@@ -465,10 +485,10 @@ def linear_at_zero(problem):
 @pytest.mark.slow
 def test_one_healthy_drive_cannot_tell_how_much_days_differ(healthy, plant, config, prior, other):
     """After it, half of the sound drives that were called faulty had a `p_value` of some ten thousandths."""
-    several = replace(healthy, logs=("a", "b"))
+    single = replace(healthy, logs=("a",))
     log = other(2, 1.03)  # less is slight
     chances, least = [], []
-    for each in (healthy, several):
+    for each in (single, healthy):
         linear = fit(each.taken_off(lay_out(plant, config.grid(), prior, [log])))
         gain = fit_candidate(linear, plant.effect("maf.gain"))
         chances.append(chance_of_nothing(linear, [gain]))
@@ -750,9 +770,9 @@ def test_the_function_of_overlapping_bells_is_the_one_of_the_whole_process(laid_
     inputs = np.stack([np.sin(problem.clock / 31.0), np.cos(problem.clock / 17.0)], axis=1)
     shown, one = np.isin(np.arange(problem.K), few), np.ones(problem.K)
     left = np.where(shown, rng.standard_normal(problem.K), 0.0)
-    bells = Bells(inputs[few], np.array([0.8, 1.3]), *[np.zeros(0)] * 3)
-    shares = np.log([1.0, 4.0, 1e-9, 1e-9])  # no errors that last
-    found = _learned(problem, bells, np.stack([inputs, inputs]), shown, np.tile(left, (1, 2, 1)), one, shares)
+    bells = Bells(inputs[few], np.array([0.8, 1.3]), *[np.zeros((12, 0))] * 4)
+    variances = np.array([1.0, 4.0, 1e-9, 1e-9])  # no errors that last
+    found = _learned(problem, bells, np.stack([inputs, inputs]), shown, np.tile(left, (1, 2, 1)), one, variances)
     kernel = 4.0 * np.exp(-0.5 * (((inputs[few][:, None] - inputs[few]) / bells.lengths) ** 2).sum(2))
     expected = kernel @ np.linalg.solve(kernel + np.eye(few.size), left[few])
     np.testing.assert_allclose(found.along[few], expected, atol=1e-4)
