@@ -90,10 +90,10 @@ def test_the_drive_itself_tells_the_noise_of_what_begins():
 
 def test_so_many_healthy_drives_would_prove_what_few_do_not():
     """The chance of a size as far from none falls with the drives that tell how far it varies."""
-    (near, problem), (far, _) = (asked(gain, 0.5, degrees=4 + POOLED, drives=4) for gain in (15.0, 16.0))
+    (near, problem), (far, _) = (asked(gain, 0.5, degrees=4 + POOLED, drives=4) for gain in (19.0, 20.0))
     name, number = drives_needed([near, far], problem)
-    assert name == "of 16"
-    by_hand = [20 * 2.0 * scipy.stats.t.sf(np.sqrt(16.0), drives + POOLED) for drives in (number - 1, number)]
+    assert name == "of 20"
+    by_hand = [20 * 2.0 * scipy.stats.t.sf(np.sqrt(20.0), drives + POOLED) for drives in (number - 1, number)]
     assert by_hand[0] >= SIGNIFICANT_LEARNED > by_hand[1]
 
 
