@@ -52,12 +52,11 @@ class Bells:
 
     def of_day(self, along: Array) -> Array:
         """Return what may differ from one day to the next, (k, 1 + shapes), of unit size: a level, and shorter bells."""
-        shorter = along[:, : len(self.centres)] ** SHARPER
-        return np.hstack([np.ones((len(along), 1)), shorter @ self.daily])
+        return np.hstack([np.ones((len(along), 1)), shorter(along[:, : len(self.centres)]) @ self.daily])
 
     def with_days(self, inputs: Array) -> "Bells":
         """Return the same with the shapes of a day that vary most along inputs, shape (k, c)."""
-        own, along = (bells_of(x, self.centres, self.lengths) ** SHARPER for x in (self.centres, inputs))
+        own, along = (shorter(bells_of(x, self.centres, self.lengths)) for x in (self.centres, inputs))
         root = _root(own)
         _, axes = np.linalg.eigh(root @ along.T @ along @ root.T)
         return replace(self, daily=root.T @ axes[:, ::-1][:, :SHAPES])
@@ -102,6 +101,11 @@ def bells_of(x: Array, centres: Array, lengths: Array) -> Array:
     distance = (x**2).sum(1)[:, None] + (centres**2).sum(1)
     distance -= 2.0 * x @ centres.T
     return np.asarray(np.exp(-0.5 * np.maximum(distance, 0.0, out=distance), out=distance))
+
+
+def shorter(bells: Array) -> Array:
+    """Return the bells that reach less far, by which days differ, at the places of these."""
+    return np.asarray(bells**SHARPER)
 
 
 def spread_out(x: Array, most: int, enough: float) -> Array:

@@ -12,7 +12,7 @@ import scipy
 from numpy.typing import NDArray
 
 from lpvobs.discovery import thresholds
-from lpvobs.discovery.bells import bells_of
+from lpvobs.discovery.bells import bells_of, shorter
 from lpvobs.discovery.healthy_drive import minutes_of
 from lpvobs.discovery.residual import Problem
 from lpvobs.records import Array
@@ -34,7 +34,12 @@ class Likeliest(NamedTuple):
 
 def at_first(c: int, K: int) -> Likeliest:
     """Return what is known before any data: c channels tell the same, and there is no function."""
-    return Likeliest(np.full(c, np.sqrt(c)), np.exp(START), np.zeros(K))
+    return Likeliest(usual_lengths(c), np.exp(START), np.zeros(K))
+
+
+def usual_lengths(c: int) -> Array:
+    """Return the lengths of bells before any data, (c,), in standard deviations of c channels that all tell the same."""
+    return np.full(c, np.sqrt(c))
 
 
 def pieces(problem: Problem, shown: NDArray[np.bool_]) -> NDArray[np.int64]:
@@ -66,9 +71,9 @@ def likeliest(
         (np.add.reduceat(weight * values[shown].T, first, axis=-1) / total).T
         for values in (left / usual, inputs, minutes_of(problem), problem.of_log.astype(float))
     )
-    x, rates, day = x[:, :c], x[:, c:], (np.abs(log[:, None] - log) < 0.5).astype(float)
+    x, rates, day = x[:, :c], x[:, c:], _same(log, log)
     parts = np.diag(1.0 / (total * usual**2)), rates @ rates.T, day, minutes @ minutes.T
-    before, usually = -np.log(start.lengths), -np.log(at_first(c, 0).lengths)
+    before, usually = -np.log(start.lengths), -np.log(usual_lengths(c))
     shortest, longest = np.log(thresholds.BELL_LENGTHS)
     bounds = np.array([usually - longest, usually - shortest] if other_lengths else [before, before]).T
     of_days = _BOUNDS[2] if np.ptp(log) > 0.0 else (_SLOW, _SLOW)  # one drive does not tell how much days differ
@@ -80,8 +85,8 @@ def likeliest(
     alpha = scipy.linalg.cho_solve((_covariance(best.x, x, parts)[0], True), y)
     function = variances[1] * inputs[:, c:] @ (rates.T @ alpha)
     for on in np.array_split(np.arange(shown.size), first.size // LEAST_PIECES):  # not all at once: an hour has 100 MB
-        bells, same = bells_of(inputs[on, :c], x, lengths), np.abs(problem.of_log[on, None] - log) < 0.5
-        function[on] += (variances[1] * bells + variances[2] * same * (1.0 + bells**thresholds.SHARPER)) @ alpha
+        bells, same = bells_of(inputs[on, :c], x, lengths), _same(problem.of_log[on].astype(float), log)
+        function[on] += (variances[1] * bells + variances[2] * same * (1.0 + shorter(bells))) @ alpha
     return Likeliest(lengths, variances, usual * function)
 
 
@@ -91,19 +96,19 @@ def unlikely(z: Array, y: Array, x: Array, parts: tuple[Array, ...]) -> tuple[fl
     z are the logarithms of four variances, and of the inverse lengths along c channels x, (P, c). `parts` are the covariances,
     (P, P), of unit variance, of noise, lines, and the errors of a day and of minutes.
     """
-    factor, bells, shorter, every = _covariance(z, x, parts)
+    factor, bells, of_days, every = _covariance(z, x, parts)
     variance, steep = np.exp(z[:4]), np.exp(2.0 * z[4:])
     below = scipy.linalg.lapack.dpotri(factor, lower=True)[0]
     inverse = np.tril(below) + np.tril(below, -1).T
     alpha = inverse @ y
     # the derivative of the likelihood by the covariance C is tr((C^-1 - alpha alpha') dC) / 2, with alpha = C^-1 y
     by_covariance = inverse - np.outer(alpha, alpha)
-    by_bells = (variance[1] * bells + thresholds.SHARPER * variance[2] * shorter) * by_covariance
+    by_bells = (variance[1] * bells + thresholds.SHARPER * variance[2] * of_days) * by_covariance
     by_length = steep * ((x * (by_bells @ x)).sum(0) - by_bells.sum(1) @ x**2)
     by_variance = 0.5 * variance * [(by_covariance * part).sum() for part in every]
     # before any data most channels tell as much as the others, a few nothing (Cauchy)
     away = (z[1:4] - _SLOW) / thresholds.SLOW_SPREAD
-    other = (z[4:] + np.log(at_first(x.shape[1], 0).lengths)) / thresholds.LENGTH_SPREAD
+    other = (z[4:] + np.log(usual_lengths(x.shape[1]))) / thresholds.LENGTH_SPREAD
     by_variance[1:] += away / thresholds.SLOW_SPREAD
     by_length += 2.0 * other / (1.0 + other**2) / thresholds.LENGTH_SPREAD
     own = 0.5 * (y @ alpha + away @ away) + np.log(np.diag(factor)).sum() + np.log1p(other**2).sum()
@@ -114,6 +119,11 @@ def _covariance(z: Array, x: Array, parts: tuple[Array, ...]) -> tuple[Array, Ar
     """Return the lower factor of the covariance, the bells, the shorter ones of the same day, and its four parts, all (P, P)."""
     noise, lines, day, minutes = parts
     bells = bells_of(x, x, np.exp(-z[4:]))
-    shorter = day * bells**thresholds.SHARPER
-    every = noise, bells + lines, day + shorter, minutes
-    return scipy.linalg.cholesky(np.tensordot(np.exp(z[:4]), every, 1), lower=True), bells, shorter, every
+    of_days = day * shorter(bells)
+    every = noise, bells + lines, day + of_days, minutes
+    return scipy.linalg.cholesky(np.tensordot(np.exp(z[:4]), every, 1), lower=True), bells, of_days, every
+
+
+def _same(log: Array, other: Array) -> Array:
+    """Return one where a log is another one, (K, P)."""
+    return np.asarray(np.abs(log[:, None] - other) < 0.5, dtype=float)
