@@ -29,7 +29,7 @@ from lpvobs.discovery.healthy_drive import (
     with_map,
 )
 from lpvobs.discovery.imbalances import imbalances_at, map_along, operating_nodes, scenes_with
-from lpvobs.discovery.likeliest import LEAST_PIECES, Likeliest, at_first, likeliest, pieces
+from lpvobs.discovery.likeliest import LEAST_PIECES, Likeliest, at_first, likeliest, likeliest_lengths, pieces
 from lpvobs.discovery.map_prior import MapPrior
 from lpvobs.discovery.noise import beyond_usual
 from lpvobs.discovery.normal import map_normal
@@ -155,10 +155,14 @@ def left_of(problem: Problem, logs: Sequence[str]) -> HealthyDrive:
     inputs, found = bare.inputs(problem).mean(0), [at_first(len(bare.channels), K)] * B
     for number in range(thresholds.HEALTHY_PASSES):
         scale = _scales(mean - np.array([own.function for own in found]), problem)
-        rows = zip(problem.shown, mean, scale, found, strict=True)
-        # the scale is that of noise from the second pass on
-        found = [likeliest(problem, inputs, *row, other_lengths=number > 0) for row in rows]
-    bare = _placed(bare, problem, found)
+        rows = [*zip(problem.shown, mean, scale, strict=True)]
+        if number:  # the scale is that of noise from the second pass on
+            found = [likeliest_lengths(problem, inputs, *row, own) for row, own in zip(rows, found, strict=True)]
+        bare = _placed(bare, problem, found)
+        found = [
+            likeliest(problem, bells.along(inputs), bells, *row, own)
+            for bells, row, own in zip(bare.bells, rows, found, strict=True)
+        ]
     every = np.concatenate([left[None], with_map(problem, by_constants(problem)).reshape(-1, B, 2, K)]).swapaxes(0, 1)
     views, of_each = bare.inputs(problem), zip(bare.bells, problem.shown, every, scale, found, strict=True)
     each = [_learned(problem, bells, views, on, y, own, best.variances) for bells, on, y, own, best in of_each]
@@ -281,8 +285,10 @@ def _placed(bare: HealthyDrive, problem: Problem, each: Sequence[Likeliest]) -> 
     inputs, bells = bare.inputs(problem)[0][:, : len(bare.channels)], []
     for empty, shown, own in zip(bare.bells, problem.shown, each, strict=True):
         enough = thresholds.UNTOLD / max(1.0, own.variances[1])
-        centres = spread_out(inputs[shown] / own.lengths, thresholds.BELLS, enough) * own.lengths
-        bells.append(replace(empty, centres=centres, lengths=own.lengths).with_days(inputs[shown]))
+        every = 1 + int(shown.sum()) // (10 * thresholds.BELLS)  # ten places for each bell tell as much as all
+        x = inputs[shown][::every]
+        centres = spread_out(x / own.lengths, thresholds.BELLS, enough) * own.lengths
+        bells.append(replace(empty, centres=centres, lengths=own.lengths).with_days(x))
     return replace(bare, bells=tuple(bells))
 
 
