@@ -114,7 +114,7 @@ def test_a_course_over_time_must_gain_what_its_search_costs_and_others_a_share_o
     """A gain that begins has 1000; on 100 stretches another end costs 3 ln 100 = 13.8, the kind and a time constant 8 each."""
     own = SimpleNamespace(id="maf.gain", gain=1000.0, ends=1, changes=1, in_time=True)
     found = SimpleNamespace(id=name, gain=gained, ends=course.ends, changes=course.changes, in_time=course.in_time)
-    same_logs = {"loss": np.zeros(100), "from_start": False, "price": 0.0}
+    same_logs = {"loss": np.zeros(100), "from_start": False, "price": 0.0, "usual": False}
     assert is_worth(*(SimpleNamespace(**vars(each), **same_logs) for each in (found, own))) == worth
 
 
