@@ -19,6 +19,7 @@ from lpvobs.io.configuration.config import Config, load_config
 from lpvobs.io.logs import finding, reading
 from lpvobs.io.results import gains, parts, results
 from lpvobs.io.results.provenance import Provenance, write_refused
+from lpvobs.io.safety.atomic import replacing
 from lpvobs.kinds import Count, Output, Refused
 from lpvobs.maps.metrics import Metrics, compare
 from lpvobs.observer import disagreement, rivals
@@ -157,12 +158,13 @@ def _write(
             results.write_agreement(file, scatter=done.scatter, logs=done.agreement)
         before.write(file)
 
-    results.write_result(out, before.air_path, found, done.summaries, stored, provenance, further)
-    parts.PartsFolder(out, "", parts.StoredPart).remove()
-    if found.method == "observer":
-        from lpvobs.api.search_start import learn_healthy  # loads the search for effects
+    with replacing(out) as whole:  # a map without what its logs show of a healthy engine would say less, and not tell
+        results.write_result(whole, before.air_path, found, done.summaries, stored, provenance, further)
+        if found.method == "observer":
+            from lpvobs.api.search_start import learn_healthy  # loads the search for effects
 
-        learn_healthy(out, names, [item.name for item in done.agreement if item.disagrees])
+            learn_healthy(whole, names, [item.name for item in done.agreement if item.disagrees])
+    parts.PartsFolder(out, "", parts.StoredPart).remove()
     return says
 
 

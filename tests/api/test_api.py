@@ -130,3 +130,16 @@ def test_every_name_that_is_offered_exists():
     assert dir(lpvobs) == sorted(["__version__", *lpvobs.__all__])
     with pytest.raises(AttributeError, match="no attribute 'estimation'"):
         _ = lpvobs.estimation
+
+
+def test_a_map_appears_with_what_its_logs_show_of_a_healthy_engine_or_not_at_all(monkeypatch, chain, tmp_path):
+    """A run that was stopped meanwhile left a map that looked whole, and `trace` judged a sound drive by the model alone."""
+
+    def stopped(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("lpvobs.api.search_start.learn_healthy", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        lpvobs.estimate(DIESEL, [chain.log], tmp_path / "map.h5", gain=chain.gain)
+    assert not (tmp_path / "map.h5").exists()
+    assert not list(tmp_path.glob(".*"))
