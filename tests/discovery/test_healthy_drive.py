@@ -196,11 +196,15 @@ def test_episodes_are_found_though_the_errors_of_a_healthy_engine_could_explain_
 
 
 @pytest.mark.slow
-def test_a_flow_that_comes_and_goes_has_no_name(healthy, plant, config, prior, other, clean):
-    t = clean.time
-    on = ((t > 40.0) & (t < 80.0)) | ((t > 120.0) & (t < 150.0)) | ((t > 210.0) & (t < 260.0))
+def test_a_flow_that_comes_and_goes_is_found_in_all_its_episodes(healthy, plant, config, prior, other, clean):
+    t, episodes = clean.time, ((40.0, 80.0), (120.0, 150.0), (210.0, 260.0))
+    on = np.any([(t > begin) & (t < end) for begin, end in episodes], axis=0)
     log = other(2, np.where(on, 1.08, 1.0))
-    assert refine(plant, config.grid(), prior, [log], healthy=healthy).trace.verdict == "unexplained"
+    (finding,) = refine(plant, config.grid(), prior, [log], healthy=healthy).trace.findings
+    assert (finding.id, finding.course) == ("maf.gain", "intermittent")
+    low, high = finding.parameters["factor"].ci90
+    assert low < 1.08 < high
+    np.testing.assert_allclose(finding.follows.intervals, episodes, atol=2.0)  # the resolution of the search
 
 
 def test_it_comes_back_from_a_file_as_it_was(healthy, tmp_path):
