@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 
+import numpy as np
+
 from lpvobs.discovery.course_choice import is_worth, may_have_episodes, timed_again
 from lpvobs.discovery.evidence import Candidate, in_place
 from lpvobs.discovery.fit import fit, objective
@@ -38,6 +40,22 @@ def in_episodes(linear: Linear, accepted: tuple[Candidate, ...], further: Candid
 def shorter(longer: Model, episodes: Model | None) -> Model:
     """Return the model with an effect in episodes, if it leaves no more than the one with a further effect does."""
     return longer if episodes is None or objective(episodes[0]) > objective(longer[0]) + TIE else episodes
+
+
+def from_its_end(linear: Linear, accepted: tuple[Candidate, ...], further: Candidate) -> Model | None:
+    """Return the model with a further effect from where it would end; None where that leaves more, or healthy drives tell nothing.
+
+    An accepted effect beside it, which stands for both, is too large before.
+    """
+    term = further.term
+    if not (np.isfinite(term.end) and len(linear.problem.patterns)):
+        return None
+    until = fit(linear.problem, [*linear.terms, term], start=linear)
+    turned = replace(term, begin=term.end, end=np.inf, size=2.0 * term.effect.null - term.size)
+    trial = fit(linear.problem, [*linear.terms, turned], start=linear)
+    named = in_place(trial, len(accepted), replace(further, term=trial.terms[-1]))
+    again, longer = choose_all_again(trial, (*accepted, named))
+    return (again, longer) if objective(again) < objective(until) + TIE else None
 
 
 def _moved(linear: Linear, i: int, further: Candidate) -> tuple[Linear, Candidate] | None:

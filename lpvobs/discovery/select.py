@@ -6,8 +6,6 @@ from functools import cache
 from itertools import combinations
 from typing import Any
 
-import numpy as np
-
 from lpvobs.discovery import thresholds
 from lpvobs.discovery.companions import (
     has_other_cause,
@@ -19,8 +17,8 @@ from lpvobs.discovery.companions import (
     separate_in_time,
 )
 from lpvobs.discovery.course_choice import comes_and_goes, on_courses, sharpened, timed_again
-from lpvobs.discovery.episodes import in_episodes, shorter
-from lpvobs.discovery.evidence import Candidate, dated_again, fit_candidate, in_place
+from lpvobs.discovery.episodes import from_its_end, in_episodes, shorter
+from lpvobs.discovery.evidence import Candidate, dated_again, fit_candidate
 from lpvobs.discovery.fit import fit, objective, refit, standard_errors, with_term, without
 from lpvobs.discovery.form_search import beside_forms, best_forms
 from lpvobs.discovery.forms import CHANNEL, PREFIX, follows_the_time, share_a_signal
@@ -211,7 +209,7 @@ def _search(
         again = [c for c in (found[0], best) if counts(c, linear) and same_place_again(c, accepted, problem)]
         # One that is less than none all along cannot be: it stands for what the named one leaves.
         if not all(is_below_none(c.term) and c.term.whole for c in again):
-            episodes = once(in_episodes, linear, accepted, again[0]) or once(_from_its_end, linear, again[0], accepted)
+            episodes = once(in_episodes, linear, accepted, again[0]) or once(from_its_end, linear, accepted, again[0])
             if episodes is None:
                 return _Search("unexplained", [], before, before, ranking, accepted)
             (linear, accepted), found = episodes, ()
@@ -275,24 +273,6 @@ def _with_one_more(
     if not predicts_better(linear, trial, named) or is_remainder(named, accepted, problem) or at_its_end(named.term):
         return None
     return shorter(choose_all_again(trial, (*accepted, named)), in_episodes(linear, accepted, named))
-
-
-def _from_its_end(
-    linear: Linear, candidate: Candidate, accepted: tuple[Candidate, ...]
-) -> tuple[Linear, tuple[Candidate, ...]] | None:
-    """Return the model with a further effect from where it would end; None where that leaves more, or healthy drives tell nothing.
-
-    An accepted effect beside it, which stands for both, is too large before.
-    """
-    term = candidate.term
-    if not (np.isfinite(term.end) and len(linear.problem.patterns)):
-        return None
-    until = fit(linear.problem, [*linear.terms, term], start=linear)
-    turned = replace(term, begin=term.end, end=np.inf, size=2.0 * term.effect.null - term.size)
-    trial = fit(linear.problem, [*linear.terms, turned], start=linear)
-    named = in_place(trial, len(accepted), replace(candidate, term=trial.terms[-1]))
-    again, longer = choose_all_again(trial, (*accepted, named))
-    return (again, longer) if objective(again) < objective(until) + thresholds.TIE else None
 
 
 def _bare(linear: Linear) -> Linear:

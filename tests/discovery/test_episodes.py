@@ -1,11 +1,14 @@
 """One effect in several episodes in place of several effects."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from lpvobs.discovery import episodes
 from lpvobs.discovery.courses import TracedCourse
+from lpvobs.discovery.evidence import Candidate
 from lpvobs.discovery.residual import Term
 
 
@@ -92,3 +95,32 @@ def test_episodes_stand_for_a_further_effect_if_they_leave_no_more(monkeypatch, 
     longer, again = (20.0, ("two",)), (left, ("one",))
     assert episodes.shorter(longer, again) is (again if taken else longer)
     assert episodes.shorter(longer, None) is longer
+
+
+@pytest.mark.parametrize(
+    ("left", "learned", "turned"), [(130.0, True, True), (160.0, True, False), (99.0, False, False)]
+)
+def test_what_ends_beside_an_effect_that_stands_for_both_begins_there(monkeypatch, left, learned, turned):
+    """A dirty sensor from 187 s on, and an offset from 249 s on, were one that was too dirty, and less until 240 s."""
+    film, off = (effect(name, "sensor") for name in ("maf.contamination", "maf.offset"))
+    problem = SimpleNamespace(patterns=(1,) if learned else ())
+    before = SimpleNamespace(problem=problem, terms=(Term(film, 0.115, 198.0),), left=150.0)
+    own = Term(off, -0.002, 200.0, 240.0)
+    candidate = Candidate(own, 259.0, 1.0, 1.0, np.zeros(1), 1.0, False, 1.0, 0.0)
+
+    def fitted(_, terms, start):
+        return SimpleNamespace(problem=problem, terms=tuple(terms), left=130.0 if terms[-1] == own else 140.0)
+
+    def again(linear, accepted):
+        return SimpleNamespace(terms=linear.terms, left=left), accepted
+
+    monkeypatch.setattr(episodes, "fit", fitted)
+    monkeypatch.setattr(episodes, "objective", lambda linear: linear.left)
+    monkeypatch.setattr(episodes, "in_place", lambda linear, i, like: replace(like, gain=float(i)))
+    monkeypatch.setattr(episodes, "choose_all_again", again)
+    found = episodes.from_its_end(before, ("film",), candidate)
+    assert (found is not None) is turned
+    if found is not None:
+        first, last = found[0].terms
+        assert (first, last) == (*before.terms, Term(off, 0.002, 240.0))
+        assert (found[1][0], found[1][1].term) == ("film", last)

@@ -285,15 +285,9 @@ def test_a_bell_is_long_along_what_a_balance_does_not_follow(laid_out, clean):
     usual, inputs = at_first(3, problem.K).lengths, np.pad(channels, ((0, 0), (0, 1)))
     rows = noise + follows, np.ones(problem.K), at_first(3, problem.K)
     lengths, variances, _ = rough = likeliest_lengths(problem, inputs, everywhere, *rows)
-    bells = Bells(channels[::100], lengths, *[np.zeros((0, 0))] * 4)
-    found = likeliest(
-        problem,
-        bells.along(inputs),
-        replace(bells, daily=np.zeros((len(bells.centres), 0))),
-        everywhere,
-        *rows[:2],
-        rough,
-    )
+    centres = channels[::100]
+    bells = Bells(centres, lengths, *[np.zeros((len(centres), 0))] * 4)
+    found = likeliest(problem, bells.along(inputs), bells, everywhere, *rows[:2], rough)
     assert np.std(found.function - follows) < 1.0  # the noise of an instant
     assert lengths[1] < 1.2 * usual[1]
     assert np.all(lengths[[0, 2]] > 3.0 * usual[[0, 2]])

@@ -13,7 +13,6 @@ from lpvobs.discovery.evidence import Candidate, score
 from lpvobs.discovery.forms import follows_the_time, share_a_signal
 from lpvobs.discovery.patterns import Seeming
 from lpvobs.discovery.ranking import FAMILIES, chance, drives_needed, is_proven
-from lpvobs.discovery.residual import Term
 from lpvobs.discovery.thresholds import COST, LEAST_LENGTH, POOLED, SIGNIFICANT_LEARNED, SLIGHT
 
 
@@ -36,7 +35,7 @@ def searched(monkeypatch):
         usual |= dict.fromkeys(
             ("is_uneven", "comes_and_goes", "at_its_end", "_has_slight", "is_small", "same_place_again"), False
         )
-        usual |= {"structure": 0.0, "_bare": None, "objective": 0.0, "_from_its_end": None}
+        usual |= {"structure": 0.0, "_bare": None, "objective": 0.0, "from_its_end": None}
         for name, value in (usual | steps).items():
             monkeypatch.setattr(select, name, value if callable(value) else lambda *_, value=value: value)
         return select._search(problem, lambda _: None, lambda work, *on: work(*on))
@@ -594,49 +593,6 @@ def test_what_cannot_be_is_not_the_same_place_again(searched, below, whole, verd
     assert result.verdict == verdict
 
 
-@pytest.mark.parametrize(
-    ("left", "learned", "turned"), [(130.0, True, True), (160.0, True, False), (99.0, False, False)]
-)
-def test_what_ends_beside_an_effect_that_stands_for_both_begins_there(monkeypatch, left, learned, turned):
-    """A dirty sensor from 187 s on, and an offset from 249 s on, were one that was too dirty, and less until 240 s."""
-    film, off = (SimpleNamespace(id=name, null=0.0) for name in ("maf.contamination", "maf.offset"))
-    problem = SimpleNamespace(patterns=(1,) if learned else ())
-    before = SimpleNamespace(problem=problem, terms=(Term(film, 0.115, 198.0),), left=150.0)
-    candidate, own = asked(259.0)[0], Term(off, -0.002, 200.0, 240.0)
-
-    def fitted(_, terms, start):
-        return SimpleNamespace(problem=problem, terms=tuple(terms), left=130.0 if terms[-1] == own else 140.0)
-
-    def again(linear, accepted):
-        return SimpleNamespace(terms=linear.terms, left=left), accepted
-
-    monkeypatch.setattr(select, "fit", fitted)
-    monkeypatch.setattr(select, "objective", lambda linear: linear.left)
-    monkeypatch.setattr(select, "in_place", lambda linear, i, like: replace(like, gain=float(i)))
-    monkeypatch.setattr(select, "choose_all_again", again)
-    found = select._from_its_end(before, replace(candidate, term=own), ("film",))
-    assert (found is not None) is turned
-    if found is not None:
-        first, last = found[0].terms
-        assert (first, last) == (*before.terms, Term(off, 0.002, 240.0))
-        assert (found[1][0], found[1][1].term) == ("film", last)
-
-
-def test_the_search_goes_on_with_an_effect_from_where_another_was_to_end(searched):
-    term = SimpleNamespace(whole=False, effect=SimpleNamespace(place="sensor"), course=None)
-    film, off, nothing = (SimpleNamespace(id=id_, term=term) for id_ in ("maf.contamination", "maf.offset", "none"))
-    problem = SimpleNamespace(patterns=(1,), data=1000.0)
-    first, both = (SimpleNamespace(terms=(SimpleNamespace(course=name),), problem=problem) for name in (None, "both"))
-    result = searched(
-        problem, is_relevant=False, is_below_none=False, _with_one_more=(first, (film,)), in_episodes=None,
-        _from_its_end=(both, (film, off)), separate_in_time=False,
-        best_of=lambda linear: (nothing if linear is both else off if linear is first else film,),
-        is_proven=lambda candidate, _: candidate is not nothing,
-        same_place_again=lambda candidate, accepted, _: bool(accepted) and candidate is off,
-    )  # fmt: skip
-    assert (result.verdict, result.accepted, result.linear) == ("effect", (film, off), both)
-
-
 def test_an_onset_pays_for_the_search_over_its_place_alone_where_healthy_drives_tell():
     """A turbine 12 % less efficient from 330 s on gained 18, and an onset cost 17: it was `none`."""
     candidate, _ = asked(20.0, begin=330.0, blocks=300)
@@ -699,16 +655,18 @@ def test_what_is_left_of_a_name_at_another_time_takes_it_away_where_healthy_driv
     assert found.verdict == verdict
 
 
-def test_the_search_goes_on_with_an_effect_in_all_its_episodes(searched):
+@pytest.mark.parametrize("found_by", ["in_episodes", "from_its_end"])
+def test_the_search_goes_on_with_an_effect_in_all_its_episodes_or_from_where_another_was_to_end(searched, found_by):
     """An intake pressure 15 hPa too high in two episodes was `unexplained`, p = 1e-175."""
     term = SimpleNamespace(whole=False, effect=SimpleNamespace(place="p_im"), course=None)
     named, again, nothing = (SimpleNamespace(id=id_, term=term) for id_ in ("p_im.offset", "p_im.gain", "none"))
     problem = SimpleNamespace(patterns=(1,), data=1000.0)
     first, both = (SimpleNamespace(terms=(SimpleNamespace(course=name),), problem=problem) for name in (None, "both"))
     result = searched(
-        problem, is_relevant=False, is_below_none=False, _with_one_more=(first, (named,)), in_episodes=(both, (named,)),
+        problem, is_relevant=False, is_below_none=False, _with_one_more=(first, (named,)),
         best_of=lambda linear: (nothing if linear is both else again,),
         is_proven=lambda candidate, _: candidate is again,
         same_place_again=lambda candidate, accepted, _: bool(accepted) and candidate is again,
+        **({"in_episodes": None} | {found_by: (both, (named,))}),
     )  # fmt: skip
     assert (result.verdict, result.accepted, result.linear) == ("effect", (named,), both)
