@@ -13,6 +13,7 @@ from lpvobs.discovery.noise import Noise, first_noise, noise_of
 from lpvobs.discovery.normal import cholesky, drawn, map_columns, normal_beside, normal_of, pins, prior_precision
 from lpvobs.discovery.residual import Problem, Term
 from lpvobs.discovery.thresholds import (
+    ALIKE,
     ANEW,
     EFFECT_STEP,
     FARTHEST,
@@ -65,8 +66,6 @@ def linearised(
     weighed = near if near is not None and near.noise is noise and near.problem is problem else None
     white = _told(noise.whiten(derivatives)) if weighed is None else weighed.columns[: len(derivatives)]
     same_map = weighed if weighed is not None and _equal(nodes, weighed.nodes) else None
-    if terms:
-        white = np.concatenate([white, noise.whiten(_by_terms(problem, terms, beta, theta))])
     straight = raw.copy()
     straight[0] += imbalances.curvature_bias(problem, scenes, made)
     residual = noise.whiten(straight)
@@ -94,6 +93,8 @@ def linearised(
         gradient=deviation,
         newton_step=deviation,
     )
+    if terms:
+        bare = replace(bare, columns=np.concatenate([white, _by_terms(bare, weighed)]))
     if same_map is None:
         normal = normal_of(bare) + prior_precision(problem, terms) + np.diag(pins(bare))
         factor = cholesky(normal)
@@ -184,21 +185,40 @@ def _stepped(linear: Linear, near: Linear | None, share: float = 1.0) -> Linear:
     return linearised(problem, terms, theta, there[:q], linear.noise, pinned, near)
 
 
-def _by_terms(problem: Problem, terms: tuple[Term, ...], beta: Array, theta: Array) -> Array:
-    found = np.empty((len(terms), 2, len(problem.model.balances), problem.K))
-    for i, term in enumerate(terms):
-        h = EFFECT_STEP * term.effect.size
-        below, above = (replace(term, size=term.size + shift) for shift in (-h, h))
-        found[i] = change_between(problem, terms, i, (below, above), beta, theta) / (2.0 * h)
+def _by_terms(linear: Linear, near: Linear | None) -> Array:
+    """Return the whitened derivatives of the residual by the size of every term, shape (terms, 2, B, K).
+
+    They are those of the model `near`, which has the same weights, for a term that has nearly the same size there.
+    """
+    found = np.empty((len(linear.terms), *linear.raw.shape))
+    for i, term in enumerate(linear.terms):
+        # those of the sensor have kinks at every sample and noise that belongs to their very size, and cost little
+        sensor, h = term.effect.place == "sensor", EFFECT_STEP * term.effect.size
+        same = (
+            None if near is None or sensor else next((j for j, t in enumerate(near.terms) if _is_nearly(term, t)), None)
+        )
+        if near is not None and same is not None:
+            found[i] = near.columns[near.u + same]
+        else:
+            sides = (-h, h) if sensor else (h,)
+            each = [change_with(linear, i, replace(term, size=term.size + step)) / step for step in sides]
+            found[i] = linear.whiten(np.mean(each, axis=0))
     return found
 
 
-def change_between(
-    problem: Problem, terms: Sequence[Term], index: int, ends: tuple[Term, Term], beta: Array, theta: Array
-) -> Array:
-    """Return how the residual changes from the first to the second of two terms in one place, shape (2, B, K)."""
-    one, other = (imbalances.scenes_with(problem, [*terms[:index], end, *terms[index + 1 :]], beta) for end in ends)
-    return imbalances.change_of_residual(problem, terms[index].effect, one, other, theta)
+def _is_nearly(term: Term, other: Term) -> bool:
+    """Return whether one term is another, or has another size so little that their derivatives are the same."""
+    near = abs(term.size - other.size) <= ALIKE * term.effect.size
+    return near and term.only is other.only and replace(other, size=term.size) == term
+
+
+def change_with(linear: Linear, index: int, other: Term) -> Array:
+    """Return how the residual changes with another term in one place, shape (2, B, K), not whitened."""
+    problem, terms = linear.problem, [*linear.terms[:index], other, *linear.terms[index + 1 :]]
+    scenes = imbalances.scenes_with(problem, terms, linear.beta)
+    return imbalances.change_of_residual(
+        problem, other.effect, linear.scenes, scenes, linear.theta, linear.from_signals
+    )
 
 
 def standard_errors(linear: Linear) -> Array:

@@ -130,17 +130,16 @@ def change_of_residual(
     before: Sequence[Scene],
     after: Sequence[Scene],
     theta: Array,
-    known: Array | None = None,
+    known: Array,
 ) -> Array:
     """Return how the residual changes with signals that differ in the size of an effect, shape (2, B, K) [model's unit].
 
-    `known` is what the signals of before make of both views, where it is known.
+    `known` is what the signals of before make of both views.
     """
     # The residual is linear in the reading, and nothing else changes.
     if effect.place == "sensor" and problem.blocks is None:
         return np.asarray(views((after[0][1][SENSOR] - before[0][1][SENSOR])[None], problem.K) * problem.by_reading)
-    change = views(from_signals(problem, after), problem.K)
-    change -= views(from_signals(problem, before), problem.K) if known is None else known
+    change = views(from_signals(problem, after), problem.K) - known
     if effect.moves_point:
         then, now = (map_along(theta, operating_nodes(problem, scenes)) for scenes in (before, after))
         change[0] -= problem.by_reading * (now - then)

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from lpvobs.discovery import thresholds
-from lpvobs.discovery.fit import change_between, objective, with_term
+from lpvobs.discovery.fit import change_with, objective, with_term
 from lpvobs.discovery.forms import PREFIX, Factor, Form, along_problem, parsed
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.sizes import change_of, is_clear
@@ -84,13 +84,12 @@ def _inside_form(linear: Linear, index: int) -> dict[str, tuple[float, str, Arra
 
 def _inside_effect(linear: Linear, index: int) -> dict[str, tuple[float, str, Array]]:
     """Return the same of the constant inside an effect of the catalogue, nothing where the logs do not tell of it."""
-    problem, term = linear.problem, linear.terms[index]
+    term = linear.terms[index]
     inside = term.effect.inside
     if inside is None:
         return {}
     h = _STEP * inside.value
-    below, above = (replace(term, effect=term.effect.having(inside.value + shift)) for shift in (-h, h))
-    change = change_between(problem, linear.terms, index, (below, above), linear.beta, linear.theta)
-    column = linear.whiten(change / (2.0 * h))
+    change = change_with(linear, index, replace(term, effect=term.effect.having(inside.value + h)))
+    column = linear.whiten(change / h)
     _, ((information,),) = linear.beside(column[None])
     return {inside.name: (inside.value, inside.unit, column)} if is_clear(linear, column, information) else {}

@@ -66,8 +66,7 @@ LEAST_LEFT = 1.0 / 3.0
 """[1] Share of a prior's standard deviation that an estimate, a refinement or a healthy drive leaves at least. Set by choice: their
 own interval is of a model that is linear around its optimum, and of noise that is less independent than it assumes."""
 HEALTHY_LEAST = 300.0
-"""[s] Driving below which nothing is learned of what a healthy engine leaves: too few minutes are held out. Set by trial:
-with 80 s a sensor that read 20 % too much was not found."""
+"""[s] Least driving a healthy engine is learned from. Set by trial: with 80 s a sensor that read 20 % too much was not found."""
 HEALTHY_SECONDS = 3600.0
 """[s] Driving that is enough to learn what a healthy engine leaves. Set by time: an hour in six logs takes about a minute."""
 BELLS = 600
@@ -118,6 +117,8 @@ WIDEST = 100.0
 """[1] Prior standard deviation of an accepted effect in noticeable sizes. Set by choice: so wide that it says nothing."""
 ANEW = 5
 """[1] Gauss-Newton steps between new derivatives by the unknowns. Set by time: they change little, and are most of the work."""
+ALIKE = 0.1
+"""[1] Noticeable sizes within which the derivative by an effect is that of a model nearby. Set by time, as ANEW."""
 MOST_STEPS = 12
 """[1] Gauss-Newton steps between two sets of weights. Set by time: a fit that needs more gets new weights and goes on."""
 MOST_HALVINGS = 4
@@ -277,8 +278,7 @@ NOTHING = 0.02
 DRAWS = 1000
 """[1] Draws of the bootstrap. Set by time: the interval's ends sway by a hundredth of its width."""
 UNKNOWN = 1e-3
-"""[1] Share of the largest precision of a nominal map below which a node counts as not estimated. Set by choice: a prior alone is
-far below."""
+"""[1] Share of a nominal map's largest precision below which a node is not estimated. Set by choice: a prior alone is far below."""
 LIKENESS = 2e-4
 """[kg/s] Standard deviation between nodes of two maps of one surface. Set by what interpolation leaves of the shipped surface."""
 AFFECTED = 1.25

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
-from math import sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +14,8 @@ from lpvobs.engines.curves import Nodes
 from lpvobs.engines.diesel import relations as relation
 from lpvobs.engines.diesel.constants import DieselConstants, DieselEngine, constants_of
 from lpvobs.engines.diesel.corrections import COMPONENTS, FOLLOWERS, RATIO, flow_corrections
+from lpvobs.engines.diesel.turbine import INPUTS as INPUTS_OF_TURBINE
+from lpvobs.engines.diesel.turbine import POWER, left_again, turbine
 from lpvobs.engines.effects import BOOST, STEADY, Effect, Signals, gain, lacking, reading
 from lpvobs.engines.residual_model import ComponentCurve, DayToDay, ResidualModel, levels_of
 from lpvobs.engines.unknowns import Correction, Unknowns, loop_unknowns, places_of
@@ -22,17 +23,11 @@ from lpvobs.records import Array
 
 BALANCES = ("compressor", "filling", "exhaust", "turbo")
 CHANNELS = ("n_e", "u_delta", "u_egr", "u_vgt", "p_im", "p_em", "omega_t", "T_im", "T_em", "p_amb", "T_amb", "W_maf")
-RESTRICTED = 0.5
-"""Change of the back pressure's coefficient from which on its solution counts in full; without one, three passes are near."""
-OTHER = (0.5, 2.0)
-"""Least and largest area and power of a turbine over those of its model, as what a healthy engine leaves tells them. On idle a
-balance leaves more than all that the turbine gives."""
-POWER = 1.0e5  # [J/kg] Turns a power into a flow, so that all balances are in kg/s
-
 
 LACKS = intake.LACKS | {"compressor": 1.0, "turbine": 1.0, "exhaust": 1.0}
 """Sizes of what the engine's model lacks (leaks in m^2, factors), on an engine in order."""
 OMEGA_T, T_EM, T_AMB, W_MAF = (CHANNELS.index(name) for name in ("omega_t", "T_em", "T_amb", "W_maf"))
+TURNING = np.array([CHANNELS.index(name) for name in INPUTS_OF_TURBINE])
 COMPRESSOR, CYLINDERS, EXHAUST_RETURN, T_EM_LAG, OMEGA_T_LAG, W_MAF_LAG = range(6)
 PARTS = {
     "compressor": COMPRESSOR, "egr": EXHAUST_RETURN, "T_em_lag": T_EM_LAG, "omega_t_lag": OMEGA_T_LAG, "W_maf_lag": W_MAF_LAG,
@@ -52,7 +47,7 @@ def imbalances_of(c: DieselConstants, x: Array, dx: Array, lacks: Array, flows: 
     n_e, u_delta, u_egr, _, p_im, p_em, omega_t, T_im, T_em, p_amb, T_amb, W_maf = x
     K = n_e.size
     out, (head, rho_1, W_ei, W_egr, turned) = np.empty((4, K)), np.empty((5, K))
-    W_t, Pi_t = turbine(c, c.k_exhaust * lacks[6], x, np.ones(K))
+    W_t, Pi_t = turbine(c, c.k_exhaust * lacks[6], x[TURNING], np.ones(K))
     for k in range(K):
         head[k] = relation.head(c, p_im[k], p_amb[k])
     for k in range(K):
@@ -80,79 +75,6 @@ def imbalances_of(c: DieselConstants, x: Array, dx: Array, lacks: Array, flows: 
     return out
 
 
-@njit(cache=True)
-def turbine(c: DieselConstants, k_exhaust: Array, x: Array, wider: Array) -> tuple[Array, Array]:
-    """Return W_t [kg/s] and Pi_t, shape (K,), with a back pressure p_amb + k_exhaust W_t^2 of its own.
-
-    `wider` is the turbine's area over that of the model.
-    """
-    # The engine's model makes three passes of the fixed point, `relation.turbine_pass`, and so is a clean exhaust here. All
-    # places make one pass before the next: no place waits for its own power. With a restriction the passes swing around
-    # the solution, or away from it: the more there is of it, the more the solution counts.
-    K, p_em, p_amb = x.shape[1], x[5], x[9]
-    scale, W_t, Pi_t = np.empty(K), np.zeros(K), np.empty(K)
-    for k in range(K):
-        scale[k] = wider[k] * relation.turbine_scale(c, x[3, k], x[8, k])
-    for _ in range(3):
-        for k in range(K):
-            Pi_t[k] = min((p_amb[k] + k_exhaust[k] * W_t[k] * W_t[k]) / p_em[k], 0.9999)
-            W_t[k] = scale[k] * sqrt(1.0 - Pi_t[k] ** c.K_t) * p_em[k]
-    for k in range(K):
-        if k_exhaust[k] == c.k_exhaust:
-            continue
-        share = min(abs(k_exhaust[k] / c.k_exhaust - 1.0) / RESTRICTED, 1.0)
-        solved = expansion(p_amb[k] / p_em[k], k_exhaust[k] * scale[k] * scale[k] * p_em[k], c.K_t)
-        Pi_t[k] += share * (solved - Pi_t[k])
-        W_t[k] = scale[k] * sqrt(1.0 - Pi_t[k] ** c.K_t) * p_em[k]
-    return W_t, Pi_t
-
-
-@njit(cache=True)
-def left_by_turbine(c: DieselConstants, x: Array, lacks: Array, left: Array) -> Array:
-    """Return how what a healthy engine leaves, `left`, changes with what the engine lacks, shape (4, K) [kg/s].
-
-    A fault changes the turbine that healthy drives show. What the exhaust leaves counts as the flow that it swallows beyond its
-    model, what the turbo leaves as the power that it lacks. That is an assumption: the flows of cylinders, EGR and compressor
-    have balances of their own, the compressor's power has none.
-    """
-    K = x.shape[1]
-    out, wider, as_modelled, clean = np.zeros((4, K)), np.empty(K), np.ones(K), np.full(K, c.k_exhaust)
-    restricted = c.k_exhaust * lacks[6]
-    W_t, P_t = flow_and_power(c, clean, x, as_modelled)
-    for k in range(K):
-        wider[k] = min(max(1.0 + left[2, k] / W_t[k], OTHER[0]), OTHER[1]) if W_t[k] > 0.0 else 1.0
-    (W_own, P_own), (W_now, P_now) = flow_and_power(c, clean, x, wider), flow_and_power(c, restricted, x, wider)
-    W_lacking, P_lacking = flow_and_power(c, restricted, x, as_modelled)
-    for k in range(K):
-        flow = W_now[k] / W_own[k] if W_own[k] > 0.0 else 1.0
-        power = P_now[k] / P_own[k] if P_own[k] > 0.0 else 1.0
-        healthy = min(max(P_t[k] - POWER * left[3, k], OTHER[0] * P_t[k]), OTHER[1] * P_t[k])
-        change = healthy * (lacks[5, k] * power - 1.0)
-        out[2, k] = W_t[k] * (1.0 + wider[k] * (flow - 1.0)) - W_lacking[k]
-        out[3, k] = (lacks[5, k] * P_lacking[k] - P_t[k] - change) / POWER
-    return out
-
-
-@njit(cache=True)
-def flow_and_power(c: DieselConstants, k_exhaust: Array, x: Array, wider: Array) -> tuple[Array, Array]:
-    """Return W_t [kg/s] and the turbine's power [W], shape (K,), as `turbine` does."""
-    W_t, Pi_t = turbine(c, k_exhaust, x, wider)
-    P_t = np.empty(W_t.size)
-    for k in range(W_t.size):
-        P_t[k] = relation.turbine_power(c, W_t[k], Pi_t[k], x[6, k], x[8, k])
-    return W_t, P_t
-
-
-@njit(cache=True)
-def expansion(ambient: float, strength: float, K_t: float) -> float:
-    """Return the ratio P with P = ambient + strength (1 - P^K_t): Newton's method, from below where it stays and converges."""
-    P = min(ambient, 0.9999)
-    for _ in range(5):
-        power = P**K_t
-        P += (ambient + strength * (1.0 - power) - P) / (1.0 + strength * K_t * power / P)
-    return min(P, 0.9999)
-
-
 def imbalances(found: AsFound, s: Signals, _: Blocks | None = None) -> Array:
     """Return what is left of each balance, shape (4, C) [kg/s]."""
     return _imbalances(found, s, _changes(found, s))
@@ -172,7 +94,9 @@ def left_with(found: AsFound, s: Signals, left: Array) -> Array:
     """Return how what a healthy engine leaves changes with what the engine lacks, shape (4, C) [kg/s]."""
     if (s.lacks[5:] == 1.0).all():
         return np.zeros((len(BALANCES), s.lacks.shape[1]))
-    return np.asarray(left_by_turbine(found.constants, _stacked(s.value), s.lacks, left))
+    told = _stacked(s.value)[TURNING], s.lacks[5:], left[2:]
+    by_turbine = left_again(found.constants, *(x.tobytes() for x in told))
+    return np.concatenate([np.zeros_like(by_turbine), by_turbine])
 
 
 def _changes(found: AsFound, s: Signals) -> Array:

@@ -5,8 +5,15 @@ import pytest
 from reference.drives import scattered
 
 from lpvobs.engines.components.intake import escape
-from lpvobs.engines.diesel.effects import BALANCES, CHANNELS, LACKS, OTHER, imbalances_of, left_by_turbine, turbine
+from lpvobs.engines.diesel.effects import (
+    BALANCES,
+    CHANNELS,
+    LACKS,
+    TURNING,
+    imbalances_of,
+)
 from lpvobs.engines.diesel.lpv import Diesel
+from lpvobs.engines.diesel.turbine import OTHER, left_by_turbine, turbine
 
 
 def columns(log, seed=0):
@@ -84,7 +91,7 @@ def restricted(c, factors):
     x = np.zeros((len(CHANNELS), factors.size))
     for name, value in {"u_vgt": 60.0, "p_em": 2.4e5, "T_em": 800.0, "p_amb": 1.0e5}.items():
         x[CHANNELS.index(name)] = value
-    return turbine(c, factors * c.k_exhaust, x, np.ones(x.shape[1]))
+    return turbine(c, factors * c.k_exhaust, x[TURNING], np.ones(x.shape[1]))
 
 
 @pytest.mark.parametrize("factor", [2.0, 5.0, 9.0])
@@ -123,20 +130,19 @@ def test_a_fault_of_the_turbine_is_one_of_the_turbine_that_healthy_drives_show(e
     N, still = len(log), np.zeros((3, len(log)))
     left = np.subtract(*(imbalances_of(c, value, 0 * value, with_lacks(N), still) for c in (model, real)))
     true, as_modelled = changed(log, real, value, **fault), changed(log, model, value, **fault)
-    known = as_modelled - left_by_turbine(model, value, with_lacks(N, **fault), left)
-    for b in (2, 3):
-        off, before = np.abs(known[b] - true[b]).max(), np.abs(as_modelled[b] - true[b]).max()
+    known = as_modelled[2:] - left_by_turbine(model, value[TURNING], with_lacks(N, **fault)[5:], left[2:])
+    for b in (0, 1):
+        off, before = np.abs(known[b] - true[2 + b]).max(), np.abs(as_modelled[2 + b] - true[2 + b]).max()
         assert off <= 0.15 * before or before < 1e-9
 
 
 def test_an_engine_that_is_its_model_leaves_nothing_with_a_fault(engine):
     log = scattered(11)
     value, _, _ = columns(log)
-    c, nothing = Diesel(engine).constants, np.zeros((4, len(log)))
+    c, nothing = Diesel(engine).constants, np.zeros((2, len(log)))
     for fault in ({"turbine": 0.9}, {"exhaust": 2.5}, {"exhaust": 0.8, "turbine": 1.1}):
-        np.testing.assert_allclose(
-            left_by_turbine(c, value, with_lacks(len(log), **fault), nothing), 0.0, rtol=0, atol=1e-12
-        )
+        found = left_by_turbine(c, value[TURNING], with_lacks(len(log), **fault)[5:], nothing)
+        np.testing.assert_allclose(found, 0.0, rtol=0, atol=1e-12)
 
 
 def test_what_is_left_where_the_turbine_hardly_works_is_not_all_its_own(engine):
@@ -146,7 +152,6 @@ def test_what_is_left_where_the_turbine_hardly_works_is_not_all_its_own(engine):
     c, N = Diesel(engine).constants, len(log)
     power = -changed(log, c, value, turbine=0.9)[3] / 0.1
     for sign, most in ((1.0, 1.0 - OTHER[0]), (-1.0, OTHER[1] - 1.0)):
-        left = np.zeros((4, N))
-        left[3] = 5.0 * sign * power
-        found = left_by_turbine(c, value, with_lacks(N, turbine=0.9), left)[3]
+        left = np.stack([np.zeros(N), 5.0 * sign * power])
+        found = left_by_turbine(c, value[TURNING], with_lacks(N, turbine=0.9)[5:], left)[1]
         np.testing.assert_allclose(found, -0.1 * sign * most * power, rtol=1e-9, atol=1e-12)  # kg/s, rounding
