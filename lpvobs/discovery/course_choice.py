@@ -218,7 +218,7 @@ def finer(bare: Linear, found: Candidate) -> Candidate:
         effect = effect if own.inside is None else effect.having(own.inside.value)
         courses = list(near(found.term.course, step))
         shares = np.array([problem.share(course) for course in courses])
-        gain = gains(_by_place(bare), slope_of(bare, effect, effect.null), shares)
+        gain = gains(by_place(bare), slope_of(bare, effect, effect.null), shares)
         found = max(found, fit_course(bare, effect, courses[int(gain.argmax())]), key=score)
     return found
 
@@ -238,7 +238,7 @@ def _promising(bare: Linear, effect: Effect, every: Bank, relays: Bank) -> list[
     return [course for _, course in best[: thresholds.MOST_COURSES]]
 
 
-def _by_place(linear: Linear) -> Linear:
+def by_place(linear: Linear) -> Linear:
     """Return a model whose stretches are single places."""
     place = np.arange(linear.problem.K)
     return replace(linear, problem=replace(linear.problem, block=place, first=place))

@@ -4,13 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from lpvobs.discovery.course_choice import is_worth, may_have_episodes, timed_again
+from lpvobs.discovery.course_choice import by_place, gains, is_worth, may_have_episodes, on_places, timed_again
 from lpvobs.discovery.evidence import Candidate, in_place
 from lpvobs.discovery.fit import fit, objective
 from lpvobs.discovery.joint_choice import choose_all_again
 from lpvobs.discovery.linear import Linear
-from lpvobs.discovery.residual import are_apart
-from lpvobs.discovery.thresholds import TIE
+from lpvobs.discovery.residual import Term, are_apart
+from lpvobs.discovery.sizes import slope_of
+from lpvobs.discovery.thresholds import STRETCH, TIE
 
 Model = tuple[Linear, tuple[Candidate, ...]]
 """A model, and what was accepted of it."""
@@ -56,6 +57,29 @@ def from_its_end(linear: Linear, accepted: tuple[Candidate, ...], further: Candi
     named = in_place(trial, len(accepted), replace(further, term=trial.terms[-1]))
     again, longer = choose_all_again(trial, (*accepted, named))
     return (again, longer) if objective(again) < objective(until) + TIE else None
+
+
+def edges_again(bare: Linear, term: Term) -> Term:
+    """Return what comes and goes with each edge moved, by a stretch at most, to where it gains most with all unknowns fitted.
+
+    `bare` is the model without it. Once an edge in a stretch that was kept back stayed at the end of that: the unknowns of a model
+    with the wrong edge had taken the rest.
+    """
+    course, problem = term.course, bare.problem
+    if course is None:
+        return term
+    each, slope = by_place(bare), slope_of(bare, term.effect, term.effect.null)
+    block, edges = 2.0 * float(np.median(np.diff(problem.begins))), np.ravel(course.intervals)
+    for reach, tried in ((STRETCH + block, problem.begins), (block, 0.5 * (problem.clock[1:] + problem.clock[:-1]))):
+        for i, edge in enumerate(edges):
+            low, high = max(edge - reach, *edges[:i], -np.inf), min(edge + reach, *edges[i + 1 :], np.inf)
+            at = np.append(edge, tried[(tried > low) & (tried < high)])
+            moved = np.tile(edges, (at.size, 1))
+            moved[:, i] = at
+            courses = [replace(course, intervals=tuple(map(tuple, one.reshape(-1, 2).tolist()))) for one in moved]
+            edges[i] = at[np.argmax(gains(each, slope, np.array([problem.share(one) for one in courses])))]
+    found = replace(course, intervals=tuple(map(tuple, edges.reshape(-1, 2).tolist())))
+    return replace(on_places(term.effect, found, problem), size=term.size)
 
 
 def _moved(linear: Linear, i: int, further: Candidate) -> tuple[Linear, Candidate] | None:

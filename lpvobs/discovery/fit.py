@@ -13,7 +13,6 @@ from lpvobs.discovery.noise import Noise, first_noise, noise_of
 from lpvobs.discovery.normal import cholesky, drawn, map_columns, normal_beside, normal_of, pins, prior_precision
 from lpvobs.discovery.residual import Problem, Term
 from lpvobs.discovery.thresholds import (
-    ALIKE,
     ANEW,
     EFFECT_STEP,
     FARTHEST,
@@ -188,28 +187,24 @@ def _stepped(linear: Linear, near: Linear | None, share: float = 1.0) -> Linear:
 def _by_terms(linear: Linear, near: Linear | None) -> Array:
     """Return the whitened derivatives of the residual by the size of every term, shape (terms, 2, B, K).
 
-    They are those of the model `near`, which has the same weights, for a term that has nearly the same size there.
+    Those of the model `near`, which has the same weights, serve a straight effect whatever its size.
     """
     found = np.empty((len(linear.terms), *linear.raw.shape))
     for i, term in enumerate(linear.terms):
-        # those of the sensor have kinks at every sample and noise that belongs to their very size, and cost little
-        sensor, h = term.effect.place == "sensor", EFFECT_STEP * term.effect.size
-        same = (
-            None if near is None or sensor else next((j for j, t in enumerate(near.terms) if _is_nearly(term, t)), None)
-        )
+        straight, h = term.effect.straight, EFFECT_STEP * term.effect.size
+        same = next((j for j, t in enumerate(near.terms) if _act_alike(term, t)), None) if near and straight else None
         if near is not None and same is not None:
             found[i] = near.columns[near.u + same]
-        else:
-            sides = (-h, h) if sensor else (h,)
+        else:  # near the stall, or between two samples, an effect is not the same on both sides
+            sides = (h,) if straight else (h, -h)
             each = [change_with(linear, i, replace(term, size=term.size + step)) / step for step in sides]
             found[i] = linear.whiten(np.mean(each, axis=0))
     return found
 
 
-def _is_nearly(term: Term, other: Term) -> bool:
-    """Return whether one term is another, or has another size so little that their derivatives are the same."""
-    near = abs(term.size - other.size) <= ALIKE * term.effect.size
-    return near and term.only is other.only and replace(other, size=term.size) == term
+def _act_alike(term: Term, other: Term) -> bool:
+    """Return whether two terms differ in their size alone."""
+    return term.only is other.only and replace(other, size=term.size) == term
 
 
 def change_with(linear: Linear, index: int, other: Term) -> Array:

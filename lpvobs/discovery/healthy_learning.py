@@ -31,7 +31,7 @@ from lpvobs.discovery.healthy_drive import (
 from lpvobs.discovery.imbalances import imbalances_at, map_along, operating_nodes, scenes_with
 from lpvobs.discovery.likeliest import LEAST_PIECES, Likeliest, at_first, likeliest, likeliest_lengths, pieces
 from lpvobs.discovery.map_prior import MapPrior
-from lpvobs.discovery.noise import beyond_usual
+from lpvobs.discovery.noise import beyond_usual, usual_sizes
 from lpvobs.discovery.normal import map_normal
 from lpvobs.discovery.places import moves
 from lpvobs.discovery.residual import Problem, lay_out
@@ -293,13 +293,9 @@ def _placed(bare: HealthyDrive, problem: Problem, each: Sequence[Likeliest]) -> 
 
 
 def _scales(left: Array, problem: Problem) -> Array:
-    """Return the usual size of every balance's residual in its class of transience, (B, K) [kg/s]; outliers have their own."""
-    scale = np.ones(left.shape)
-    for row, shown, own in zip(left, problem.shown, scale, strict=True):
-        for each in np.unique(problem.transience[shown]):
-            on = shown & (problem.transience == each)
-            alike = on if on.sum() >= thresholds.LEAST_VISIT else shown
-            own[on] = max(1.4826 * float(np.median(np.abs(row[alike] - np.median(row[shown])))), 1e-9)
-        if shown.any():
-            own[:] *= beyond_usual((row - np.median(row[shown])) / own)
-    return scale
+    """Return the usual size of every balance's residual at every place, (B, K) [kg/s]; outliers have their own."""
+    nodes = operating_nodes(problem, scenes_with(problem, (), np.zeros(problem.spread.size)))
+    middle = np.array([np.median(row[on]) if on.any() else 0.0 for row, on in zip(left, problem.shown, strict=True)])
+    own = np.where(problem.shown, left - middle[:, None], 0.0)
+    scale = np.maximum(usual_sizes(problem, nodes, own), 1e-9)
+    return scale * beyond_usual(own / scale)

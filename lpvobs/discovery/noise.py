@@ -200,12 +200,30 @@ def _remembered(problem: Problem, stretch: Array | float) -> Remembered:
     )
 
 
+def usual_sizes(problem: Problem, nodes: Nodes, raw: Array) -> Array:
+    """Return the standard deviation of every balance at every place, shape (B, K), as `_own_scatter` has it of each alone."""
+    noise, spread, everywhere, classes = _by_class(problem, nodes, raw)
+    return np.asarray((np.sqrt(np.einsum("cbb->cb", noise))[everywhere] * spread[classes]).T)
+
+
 def _own_scatter(problem: Problem, nodes: Nodes, raw: Array) -> Array:
     """Return the root of the inverse covariance, shape (K, B, B): by cell of the map, times a spread by class of transience.
 
     A balance counts with the places where it is shown. Beside balances that are not, it stands alone. The correlation of two
     balances shrinks with the share of places that both are shown at: a few places may show any correlation.
     """
+    noise, spread, everywhere, classes = _by_class(problem, nodes, raw)
+    B = len(raw)
+    roots = np.empty((everywhere.size, B, B))
+    for some in np.unique(problem.shown, axis=1).T:
+        here = (some == problem.shown.T).all(axis=1)
+        alone = noise * np.outer(some, some) + np.diag(~some)
+        roots[here] = (some[:, None] * np.linalg.inv(np.linalg.cholesky(alone)))[everywhere[here]]
+    return np.asarray(roots / spread[classes][:, None, :] / np.sqrt(problem.lasting).T[:, None, :])
+
+
+def _by_class(problem: Problem, nodes: Nodes, raw: Array) -> tuple[Array, Array, NDArray[np.int64], NDArray[np.int64]]:
+    """Return covariances by cell, (cells, B, B), spreads by class, (classes, B), and cell and class of every place."""
     shape = (problem.grid.speed.size - 1, problem.grid.fuel.size - 1)
     everywhere = cell_numbers(problem.grid, nodes[0])
     classes = problem.transience.astype(np.int64)
@@ -230,12 +248,7 @@ def _own_scatter(problem: Problem, nodes: Nodes, raw: Array) -> Array:
         power = np.stack([np.bincount(fast, row**2, minlength=len(spread)) for row in y], axis=1)
         spread = np.sqrt(power / np.maximum(often, 1))
         spread = np.maximum.accumulate(np.maximum(spread, 1e-3), axis=0)
-    roots = np.empty((everywhere.size, B, B))
-    for some in np.unique(problem.shown, axis=1).T:
-        here = (some == problem.shown.T).all(axis=1)
-        alone = noise * np.outer(some, some) + np.diag(~some)
-        roots[here] = (some[:, None] * np.linalg.inv(np.linalg.cholesky(alone)))[everywhere[here]]
-    return np.asarray(roots / spread[classes][:, None, :] / np.sqrt(problem.lasting).T[:, None, :])
+    return noise, spread, everywhere, classes
 
 
 def _pool(values: Array, shape: tuple[int, int]) -> Array:

@@ -17,7 +17,7 @@ from lpvobs.discovery.companions import (
     separate_in_time,
 )
 from lpvobs.discovery.course_choice import comes_and_goes, on_courses, sharpened, timed_again
-from lpvobs.discovery.episodes import from_its_end, in_episodes, shorter
+from lpvobs.discovery.episodes import edges_again, from_its_end, in_episodes, shorter
 from lpvobs.discovery.evidence import Candidate, dated_again, fit_candidate
 from lpvobs.discovery.fit import fit, objective, refit, standard_errors, with_term, without
 from lpvobs.discovery.form_search import beside_forms, best_forms
@@ -299,7 +299,8 @@ def _with_all(linear: Linear) -> Linear:
     final = fit(problem, linear.terms, passes=2, start=linear)
     for i, term in enumerate(final.terms):
         if term.course is not None and term.course.intervals:
-            final = _with_term(final, i, again.term if (again := timed_again(final, i)) else term)
+            timed = again.term if (again := timed_again(final, i)) else term
+            final = with_term(final, i, edges_again(without(final, i), timed))
         if not term.whole:
             final = _with_term(final, i, dated_again(without(final, i), term))
             final = _with_term(final, i, sharpened(final, i))

@@ -117,8 +117,6 @@ WIDEST = 100.0
 """[1] Prior standard deviation of an accepted effect in noticeable sizes. Set by choice: so wide that it says nothing."""
 ANEW = 5
 """[1] Gauss-Newton steps between new derivatives by the unknowns. Set by time: they change little, and are most of the work."""
-ALIKE = 0.1
-"""[1] Noticeable sizes within which the derivative by an effect is that of a model nearby. Set by time, as ANEW."""
 MOST_STEPS = 12
 """[1] Gauss-Newton steps between two sets of weights. Set by time: a fit that needs more gets new weights and goes on."""
 MOST_HALVINGS = 4

