@@ -25,6 +25,7 @@ import scipy
 from lpvobs.discovery import thresholds
 from lpvobs.discovery.bells import Bells
 from lpvobs.discovery.imbalances import imbalances_at, operating_nodes, rests_on, scenes_with
+from lpvobs.discovery.lateness import late_by, slopes_of_lateness
 from lpvobs.discovery.patterns import Patterns, Seeming
 from lpvobs.discovery.residual import Problem
 from lpvobs.engines.residual_model import ResidualModel
@@ -39,8 +40,13 @@ class HealthyDrive:
     balances: Annotated[tuple[str, ...], Item("1", "balance", name="balance")]
     channels: tuple[str, ...]  # those that the bells stand over
     rates: tuple[str, ...]  # channels whose rates have a line
+    temperatures: Annotated[tuple[str, ...], Item("1", "temperature, whose sensor may be slow", name="temperature")]
     middle: Annotated[Array, Item("SI", "mean of each channel and of each rate", ("input",))]
     spread: Annotated[Array, Item("SI", "standard deviation of each channel and of each rate", ("input",))]
+    late: Annotated[
+        Array,
+        Item("kg/s^2", "usual change of a balance by a second by which one is late", ("balance", "temperature")),
+    ]
     bells: Annotated[tuple[Bells, ...], Item("1", "function of a balance")]
     amplitude: Annotated[Array, Item("kg/s", "standard deviation of the function before any data", ("balance",))]
     scale: Annotated[Array, Item("kg/s", "usual size of the residual that bells and lines leave", ("balance",))]
@@ -72,7 +78,7 @@ class HealthyDrive:
         Array,
         Item("1", "standard deviation beyond noise of its size on healthy drives, in its unit", ("effect",), gaps=True),
     ]
-    late: Annotated[Array, Item("1", "the same where it acts from the middle of a drive on", ("effect",), gaps=True)]
+    half: Annotated[Array, Item("1", "the same where it acts from the middle of a drive on", ("effect",), gaps=True)]
     beyond: Annotated[Array, Item("1", "variance of its size over that of noise, by independent residual", ("effect",))]
     common: Annotated[float, Item("1", "the same of all effects together")] = 0.0
     seconds: Annotated[float, Item("s", "length of a healthy drive, on average")] = thresholds.HEALTHY_SECONDS
@@ -95,23 +101,25 @@ class HealthyDrive:
         return model.moved(self.deviation, self.covariance)
 
     def inputs(self, problem: Problem) -> Array:
-        """Return values and rates in spreads from the middle, shape (2, K, c + r); the views change places.
+        """Return values and rates in spreads from the middle, and what each balance changes by where t temperatures are late.
 
-        The noise of a signal is in the residual of its own view, and independent of the other's.
+        The shape is (B, 2, K, c + r + t). The views change places: the noise of a signal is in the residual of its own view, and
+        independent of the other's.
         """
         s, K = problem.signals, problem.K
         values = (problem.over_all(name, usual) for name, usual in zip(self.channels, self.middle, strict=False))
         along = np.stack([*values, *(s.rate[name] for name in self.rates)], axis=1)
-        scaled = np.clip((along - self.middle) / self.spread, -thresholds.FAR, thresholds.FAR)
-        return np.asarray(scaled.reshape(2, K, -1)[::-1])
+        scaled = np.broadcast_to((along - self.middle) / self.spread, (len(self.balances), *along.shape))
+        late = late_by(problem, self.temperatures) / self.late[:, :, None]
+        every = np.clip(np.concatenate([scaled, late.swapaxes(1, 2)], axis=2), -thresholds.FAR, thresholds.FAR)
+        return np.asarray(every.reshape(len(every), 2, K, -1)[:, ::-1])
 
     def along(self, problem: Problem) -> Iterator[Array]:
         """Yield bells and lines of each balance along a problem, shape (K, m + r): the mean of both views.
 
         One after the other, since an hour has up to 70 MB of each.
         """
-        one, other = self.inputs(problem)
-        for bells in self.bells:
+        for bells, (one, other) in zip(self.bells, self.inputs(problem), strict=True):
             along = bells.along(one)
             along += bells.along(other)
             along *= 0.5
@@ -123,7 +131,7 @@ class HealthyDrive:
         The variance of the errors beyond is in that of white noise.
         """
         views, each = self.inputs(problem), enumerate(self.along(problem))
-        return np.array([self._expected(problem, views, along, b) for b, along in each]).swapaxes(0, 1)
+        return np.array([self._expected(problem, views[b], along, b) for b, along in each]).swapaxes(0, 1)
 
     def _expected(self, problem: Problem, views: Array, along: Array, b: int) -> tuple[Array, Array, Array]:
         bells = self.bells[b]
@@ -142,7 +150,7 @@ class HealthyDrive:
         answers, learned = by_constants(problem), self._by_constants(problem)
         views, each, slow = self.inputs(problem), [], []
         for b, along in enumerate(self.along(problem)):
-            each.append(self._expected(problem, views, along, b))
+            each.append(self._expected(problem, views[b], along, b))
             slow.append(self._slow(problem, along, b, each[b][-1]))
         expected = np.array(each).swapaxes(0, 1)
         modes = self._shown_modes(problem, answers - learned, expected[-1]) if modes is None else modes
@@ -160,8 +168,8 @@ class HealthyDrive:
 
         With other constants the healthy drives would have left something else, and what both drives show of a constant cancels.
         """
-        other, one = self.inputs(problem)
-        each = [[bells.along(view) @ bells.by_constant for view in (one, other)] for bells in self.bells]
+        every = zip(self.bells, self.inputs(problem), strict=True)
+        each = [[bells.along(view) @ bells.by_constant for view in views[::-1]] for bells, views in every]
         return np.array([np.concatenate(views) for views in each]).transpose(2, 0, 1)
 
     def _beside_healthy(
@@ -207,28 +215,37 @@ class HealthyDrive:
 
     def _follows(self, problem: Problem) -> Mapping[str, tuple[Array, Array]]:
         """Return the derivatives of what a healthy engine leaves by value and rate of each channel but the sensor, (B, K)."""
-        c = len(self.channels)
-        views = self.inputs(problem)
-        slopes = np.stack(
-            [0.5 * sum(bells.slopes(view) for view in views) / self.spread for bells in self.bells], axis=-2
+        c, r, every = len(self.channels), len(self.rates), zip(self.bells, self.inputs(problem), strict=True)
+        slopes = np.array([0.5 * sum(bells.slopes(view) for view in views) for bells, views in every]).transpose(
+            2, 0, 1
         )
-        slopes = slopes.T
-        by_rate = dict(zip(self.rates, slopes[c:], strict=True))
-        by_value = zip(self.channels, slopes[:c], strict=True)
-        return {name: (slope, by_rate[name]) for name, slope in by_value if name in by_rate}
+        slopes[: c + r] /= self.spread[:, None, None]
+        by_value, by_rate = (
+            dict(zip(self.channels, slopes[:c], strict=True)),
+            dict(zip(self.rates, slopes[c:], strict=False)),
+        )
+        late = zip(
+            self.temperatures,
+            slopes[c + r :] / self.late.T[:, :, None],
+            slopes_of_lateness(problem, self.temperatures),
+            strict=True,
+        )
+        for name, slope, (of_value, of_rate) in late:
+            by_value[name], by_rate[name] = by_value[name] + slope * of_value, by_rate[name] + slope * of_rate
+        return {name: (slope, by_rate[name]) for name, slope in by_value.items() if name in by_rate}
 
     def _seeming(self, problem: Problem) -> Seeming:
         """Return what a healthy engine seems to have of every effect, and of what acts in the place of some: their mean."""
-        whole, late, each = (
+        whole, half, each = (
             {name: float(x) for name, x in zip(self.effects, row, strict=True) if not np.isnan(x)}
-            for row in (self.whole, self.late, self.beyond)
+            for row in (self.whole, self.half, self.beyond)
         )
         known = [effect for effect in problem.catalogue if effect.id in each]
         in_place = {effect.place: [each[e.id] for e in known if e.place == effect.place] for effect in known}
         places = {place: float(np.mean(own)) for place, own in in_place.items()}
         return Seeming(
             whole,
-            late,
+            half,
             each,
             places,
             self.common,

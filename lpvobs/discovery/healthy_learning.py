@@ -29,6 +29,7 @@ from lpvobs.discovery.healthy_drive import (
     with_map,
 )
 from lpvobs.discovery.imbalances import imbalances_at, map_along, operating_nodes, scenes_with
+from lpvobs.discovery.lateness import late_by
 from lpvobs.discovery.likeliest import LEAST_PIECES, Likeliest, at_first, likeliest, likeliest_lengths, pieces
 from lpvobs.discovery.map_prior import MapPrior
 from lpvobs.discovery.noise import beyond_usual, usual_sizes
@@ -58,7 +59,7 @@ def learned(model: ResidualModel, grid: Grid, prior: MapPrior, logs: Sequence[Lo
     whole, late = np.append(whole, no_size), np.append(late, no_size)
     found = learned_from(model, grid, prior, parts)
     return replace(
-        found, logs=tuple(log.name for log in logs), effects=(*effects, *curves, *forms), whole=whole, late=late,
+        found, logs=tuple(log.name for log in logs), effects=(*effects, *curves, *forms), whole=whole, half=late,
         beyond=np.concatenate([beyond, of_curve, of_form]), common=common, uneven=max(1.0, *uneven),
         seconds=float(np.mean([log.time[-1] - log.time[0] for log in logs])),
     )  # fmt: skip
@@ -152,20 +153,21 @@ def left_of(problem: Problem, logs: Sequence[str]) -> HealthyDrive:
     left = imbalances_at(problem, scenes, np.zeros(problem.spread.size)).reshape(B, 2, K)
     left = left - (problem.by_reading * map_along(problem.prior.mean, operating_nodes(problem, scenes)))[:, None]
     bare, mean = _bare(problem, logs), left.mean(1)
-    inputs, found = bare.inputs(problem).mean(0), [at_first(len(bare.channels), K)] * B
+    inputs, found = bare.inputs(problem).mean(1), [at_first(len(bare.channels), K)] * B
     for number in range(thresholds.HEALTHY_PASSES):
         scale = _scales(mean - np.array([own.function for own in found]), problem)
         rows = [*zip(problem.shown, mean, scale, strict=True)]
         if number:  # the scale is that of noise from the second pass on
-            found = [likeliest_lengths(problem, inputs, *row, own) for row, own in zip(rows, found, strict=True)]
+            every = zip(inputs, rows, found, strict=True)
+            found = [likeliest_lengths(problem, along, *row, own) for along, row, own in every]
         bare = _placed(bare, problem, found)
         found = [
-            likeliest(problem, bells.along(inputs), bells, *row, own)
-            for bells, row, own in zip(bare.bells, rows, found, strict=True)
+            likeliest(problem, bells.along(along), bells, *row, own)
+            for bells, along, row, own in zip(bare.bells, inputs, rows, found, strict=True)
         ]
-    every = np.concatenate([left[None], with_map(problem, by_constants(problem)).reshape(-1, B, 2, K)]).swapaxes(0, 1)
-    views, of_each = bare.inputs(problem), zip(bare.bells, problem.shown, every, scale, found, strict=True)
-    each = [_learned(problem, bells, views, on, y, own, best.variances) for bells, on, y, own, best in of_each]
+    answers = np.concatenate([left[None], with_map(problem, by_constants(problem)).reshape(-1, B, 2, K)]).swapaxes(0, 1)
+    of_each = zip(bare.bells, bare.inputs(problem), problem.shown, answers, scale, found, strict=True)
+    each = [_learned(problem, bells, views, on, y, own, best.variances) for bells, views, on, y, own, best in of_each]
     bells, *others = zip(*each, strict=True)
     own = _LearnedBalance(bells, *map(np.array, others))
     before, rest = scale, _scales(mean - own.along, problem)
@@ -272,17 +274,21 @@ def _bare(problem: Problem, logs: Sequence[str]) -> HealthyDrive:
     )
     channels = (*(name for name in moving if name != SENSOR), *states)
     along = np.stack([*(problem.over_all(name) for name in channels), *(s.rate[name] for name in moving)], axis=1)
+    temperatures = tuple(name for name in moving if units.get(name) == "K")
+    late = np.abs(late_by(problem, temperatures)).mean(2)
     balances, nothing = problem.model.balances, Bells(*[np.zeros((0, 0))] * 6)
     return HealthyDrive(
-        logs=tuple(logs), balances=balances, channels=channels, rates=moving, middle=along.mean(0), spread=along.std(0),
+        logs=tuple(logs), balances=balances, channels=channels, rates=moving,
+        temperatures=temperatures, middle=along.mean(0), spread=along.std(0),
+        late=np.where(late > 0.0, late, 1.0),
         bells=(nothing,) * len(balances), amplitude=none, of_map=none, deviation=np.zeros(len(problem.model.names)),
-        covariance=none, scale=none, lasting=none, missed=none, slow=none, effects=(), whole=none, late=none, beyond=none,
+        covariance=none, scale=none, lasting=none, missed=none, slow=none, effects=(), whole=none, half=none, beyond=none,
     )  # fmt: skip
 
 
 def _placed(bare: HealthyDrive, problem: Problem, each: Sequence[Likeliest]) -> HealthyDrive:
     """Return the same with bells where the balances count, of the likeliest lengths, and as many as the variances ask for."""
-    inputs, bells = bare.inputs(problem)[0][:, : len(bare.channels)], []
+    inputs, bells = bare.inputs(problem)[0, 0, :, : len(bare.channels)], []
     for empty, shown, own in zip(bare.bells, problem.shown, each, strict=True):
         enough = thresholds.UNTOLD / max(1.0, own.variances[1])
         every = 1 + int(shown.sum()) // (10 * thresholds.BELLS)  # ten places for each bell tell as much as all

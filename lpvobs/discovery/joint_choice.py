@@ -37,7 +37,17 @@ from lpvobs.discovery.linear import Linear, changed_by, dot
 from lpvobs.discovery.ranking import chance, is_proven, rank, rank_in
 from lpvobs.discovery.residual import Problem, Term
 from lpvobs.discovery.sizes import slope_of
-from lpvobs.discovery.thresholds import CLOSE, FORM_ALIKE, HALF_WIDTH, ONE_SIDED, PASSES, SHAPE, SHORTLIST, TIE
+from lpvobs.discovery.thresholds import (
+    CLOSE,
+    FORM_ALIKE,
+    HALF_WIDTH,
+    HOPELESS,
+    ONE_SIDED,
+    PASSES,
+    SHAPE,
+    SHORTLIST,
+    TIE,
+)
 from lpvobs.engines.effects import Effect
 
 
@@ -265,7 +275,10 @@ def finished(
     once = [c for i, c in enumerate(rivals) if c.id not in {better.id for better in rivals[:i]}]
     beside = []
     driven = channel_candidates(bare, SHORTLIST) if isinstance(term.curve, Curve) else []
-    for rival in (*once[:SHORTLIST], *_in_its_place(linear, bare, index), *driven):  # all unknowns fitted with it
+    near = [
+        c for c in (*once[:SHORTLIST], *_in_its_place(linear, bare, index), *driven) if c.gain > HOPELESS * own.gain
+    ]
+    for rival in near:  # all unknowns fitted with it
         there = with_term(linear, index, rival.term)
         beside.append(_as_fitted(there, bare, rival))
     alike = dict.fromkeys([own.id, *(c.id for c in beside if fits_as_well(like, c, problem))])

@@ -45,18 +45,18 @@ def told_of(linear: Linear, term: Term, information: float, unevenness: float) -
 def _told_of_shape(linear: Linear, term: Term, unevenness: float) -> float:
     """Return the share of the gain of what follows an input that is left beside its carrier and its shape, which vary by day.
 
-    What the carrier, as far as it varies, may explain of it is taken off.
+    What it has of its carrier varies as that does, the rest as its shape: their scores are weighed by their own variances.
     """
     problem, on = linear.problem, term.acts(linear.problem.clock).astype(float)
     of_carrier, of_shape = problem.known_as(term)
     carrier = next(effect for effect in problem.catalogue if effect.id == of_carrier)
     slopes = [slope_of(linear, effect, effect.null) * on for effect in (term.effect, carrier)]
     (curved, level), ((own, both), (_, factor)) = linear.beside(linear.whiten(np.stack(slopes)))
-    if not (own > 0.0 and factor > 0.0 and curved != 0.0):
+    shape = own - both**2 / factor if factor > 0.0 else 0.0
+    if not (shape > 0.0 and curved != 0.0):
         return 0.0
-    uneven = max(unevenness, 1.0)  # what varies from block to block tells less of a size
-    varies = problem.seems(term, factor / uneven)
-    taken = both / factor * varies / (1.0 + varies)
-    left, kept = curved - taken * level, own - taken * both
-    share = min((left**2 / kept) / (curved**2 / own), 1.0) if kept > 0.0 else 0.0
-    return float(share / (1.0 + problem.seems(term, kept / uneven, of_shape)))
+    uneven, along = max(unevenness, 1.0), both / factor  # what varies from block to block tells less of a size
+    varies = 1.0 + np.array([problem.seems(term, factor / uneven), problem.seems(term, shape / uneven, of_shape)])
+    score = np.array([along * level, curved - along * level]) / varies
+    power = np.array([along * both, shape]) / varies
+    return float(min((score.sum() ** 2 / power.sum()) / (curved**2 / own), 1.0))

@@ -92,8 +92,9 @@ def told(linear, curve, surface, seeming, level=0.0, height=0.05):
 def test_the_share_told_of_a_curve_is_what_is_left_beside_its_factor_and_shape(linear, curve, surface):
     id_, carrier, much = curve.id, curve.carrier.id, {curve.carrier.id: 1e9, curve.id: 0.0}
     assert told(linear, curve, surface, Seeming(whole={carrier: 0.0}, effects=much)) == pytest.approx(1.0)
-    once = {carrier: 0.0, id_: 1.0 / linear.problem.data}  # the shape varies at most as much as noise does
-    assert told(linear, curve, surface, Seeming(whole={carrier: 0.0}, effects=once)) == pytest.approx(0.5)
+    once = dict.fromkeys([carrier, id_], 1.0 / linear.problem.data)  # they vary at most as much as noise does
+    assert told(linear, curve, surface, Seeming(whole={carrier: 1e3}, effects=once)) == pytest.approx(0.5)
+    assert 0.5 < told(linear, curve, surface, Seeming(whole={carrier: 0.0}, effects=once)) < 1.0  # the shape alone
     beside = [told(linear, curve, surface, Seeming(whole={carrier: x}, effects=much)) for x in (1e-3, 1e3)]
     assert 0.02 < beside[1] < beside[0] < 1.0
 

@@ -81,9 +81,9 @@ def test_a_form_is_known_as_the_gain_and_its_shape_beside_it(linear, gain, warm)
     assert warm.known_as == (gain.id, f"{gain.id} ~ T_im")
     lagged = Form("W_maf", (SHARE, Factor("T_im", "lag", 49.5, 310.0)))
     assert _effect(lagged, linear.problem, np.ones(linear.problem.K)).known_as[1] == f"{gain.id} ~ lag(T_im, 40 s)"
-    once = {gain.id: 0.0, warm.known_as[1]: 1.0 / linear.problem.data}  # the shape varies at most as much as noise does
+    once = dict.fromkeys(warm.known_as, 1.0 / linear.problem.data)  # they vary at most as much as noise does
     changed = off(linear, gain, 1e-2 * (linear.problem.along("T_im") - 310.0))
-    assert told(changed, Term(warm, 0.01), effects=once) == pytest.approx(0.5)
+    assert told(changed, Term(warm, 0.01), whole={gain.id: 1e3}, effects=once) == pytest.approx(0.5)
     assert told(changed, Term(warm, 0.01), whole={gain.id: 1e3}, effects={**once, gain.id: 1e9}) < 0.5
 
 

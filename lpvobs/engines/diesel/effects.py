@@ -14,8 +14,7 @@ from lpvobs.engines.curves import Nodes
 from lpvobs.engines.diesel import relations as relation
 from lpvobs.engines.diesel.constants import DieselConstants, DieselEngine, constants_of
 from lpvobs.engines.diesel.corrections import COMPONENTS, FOLLOWERS, RATIO, flow_corrections
-from lpvobs.engines.diesel.turbine import INPUTS as INPUTS_OF_TURBINE
-from lpvobs.engines.diesel.turbine import POWER, left_again, turbine
+from lpvobs.engines.diesel.turbine import POWER, TURBINE_INPUTS, left_again, turbine_as_modelled
 from lpvobs.engines.effects import BOOST, STEADY, Effect, Signals, gain, lacking, reading
 from lpvobs.engines.residual_model import ComponentCurve, DayToDay, ResidualModel, levels_of
 from lpvobs.engines.unknowns import Correction, Unknowns, loop_unknowns, places_of
@@ -27,7 +26,7 @@ CHANNELS = ("n_e", "u_delta", "u_egr", "u_vgt", "p_im", "p_em", "omega_t", "T_im
 LACKS = intake.LACKS | {"compressor": 1.0, "turbine": 1.0, "exhaust": 1.0}
 """Sizes of what the engine's model lacks (leaks in m^2, factors), on an engine in order."""
 OMEGA_T, T_EM, T_AMB, W_MAF = (CHANNELS.index(name) for name in ("omega_t", "T_em", "T_amb", "W_maf"))
-TURNING = np.array([CHANNELS.index(name) for name in INPUTS_OF_TURBINE])
+TURNING = np.array([CHANNELS.index(name) for name in TURBINE_INPUTS])
 COMPRESSOR, CYLINDERS, EXHAUST_RETURN, T_EM_LAG, OMEGA_T_LAG, W_MAF_LAG = range(6)
 PARTS = {
     "compressor": COMPRESSOR, "egr": EXHAUST_RETURN, "T_em_lag": T_EM_LAG, "omega_t_lag": OMEGA_T_LAG, "W_maf_lag": W_MAF_LAG,
@@ -38,16 +37,23 @@ NUDGES = (1e-5, 1e-5, 1e-5, 1e-4, 1e-4, 1e-4)
 """Steps of difference quotients by these: a flow in ten thousand, and a lag that is short against any transient."""
 
 
-@njit(cache=True)
 def imbalances_of(c: DieselConstants, x: Array, dx: Array, lacks: Array, flows: Array) -> Array:
-    """Return what is left of each balance, shape (4, K) [kg/s]."""
-    # x, dx : (12, K) values and rates in the order of `CHANNELS`; lacks : (7, K) in the order of `LACKS`; flows : (3, K)
-    # what corrections add to the flows of compressor, cylinders and EGR. Each relation has a loop of its own: in one loop over
-    # all of them, every place waits for its own powers.
+    """Return what is left of each balance, shape (4, K) [kg/s].
+
+    `x` and `dx` are values and rates, (12, K), in the order of `CHANNELS`, `lacks` (7, K) in the order of `LACKS`. `flows` is what
+    corrections add to the flows of compressor, cylinders and EGR, (3, K).
+    """
+    return np.asarray(_imbalances_of(c, x, dx, lacks, flows, *turbine_as_modelled(c, x[TURNING], lacks[6])))
+
+
+@njit(cache=True)
+def _imbalances_of(
+    c: DieselConstants, x: Array, dx: Array, lacks: Array, flows: Array, W_t: Array, Pi_t: Array
+) -> Array:
+    # Each relation has a loop of its own: in one loop over all of them, every place waits for its own powers.
     n_e, u_delta, u_egr, _, p_im, p_em, omega_t, T_im, T_em, p_amb, T_amb, W_maf = x
     K = n_e.size
     out, (head, rho_1, W_ei, W_egr, turned) = np.empty((4, K)), np.empty((5, K))
-    W_t, Pi_t = turbine(c, c.k_exhaust * lacks[6], x[TURNING], np.ones(K))
     for k in range(K):
         head[k] = relation.head(c, p_im[k], p_amb[k])
     for k in range(K):
@@ -87,15 +93,14 @@ def _imbalances(found: AsFound, s: Signals, changes: Array) -> Array:
     x[T_EM] = np.maximum(x[T_EM] + changes[T_EM_LAG] * dx[T_EM], np.minimum(x[T_EM], x[T_AMB]))
     x[OMEGA_T] += changes[OMEGA_T_LAG] * dx[OMEGA_T]
     x[W_MAF] += changes[W_MAF_LAG] * dx[W_MAF]
-    return np.asarray(imbalances_of(found.constants, x, dx, s.lacks, changes[:T_EM_LAG]))
+    return imbalances_of(found.constants, x, dx, s.lacks, changes[:T_EM_LAG])
 
 
 def left_with(found: AsFound, s: Signals, left: Array) -> Array:
     """Return how what a healthy engine leaves changes with what the engine lacks, shape (4, C) [kg/s]."""
     if (s.lacks[5:] == 1.0).all():
         return np.zeros((len(BALANCES), s.lacks.shape[1]))
-    told = _stacked(s.value)[TURNING], s.lacks[5:], left[2:]
-    by_turbine = left_again(found.constants, *(x.tobytes() for x in told))
+    by_turbine = left_again(found.constants, _stacked(s.value)[TURNING], s.lacks[5:], left[2:])
     return np.concatenate([np.zeros_like(by_turbine), by_turbine])
 
 

@@ -1,6 +1,5 @@
 """Flow and power of a turbine behind which the exhaust may be restricted, and what a fault makes of one that is not its model."""
 
-from functools import lru_cache
 from math import sqrt
 
 import numpy as np
@@ -8,9 +7,10 @@ import numpy as np
 from lpvobs.compiled import njit
 from lpvobs.engines.diesel import relations as relation
 from lpvobs.engines.diesel.constants import DieselConstants
+from lpvobs.engines.kept import Kept
 from lpvobs.records import Array
 
-INPUTS = ("u_vgt", "p_em", "omega_t", "T_em", "p_amb")  # what flow and power depend on
+TURBINE_INPUTS = ("u_vgt", "p_em", "omega_t", "T_em", "p_amb")  # what flow and power depend on
 RESTRICTED = 0.5
 """Change of the back pressure's coefficient from which on its solution counts in full; without one, three passes are near."""
 OTHER = (0.5, 2.0)
@@ -24,7 +24,7 @@ POWER = 1.0e5  # [J/kg] Turns a power into a flow, so that all balances are in k
 def turbine(c: DieselConstants, k_exhaust: Array, x: Array, wider: Array) -> tuple[Array, Array]:
     """Return W_t [kg/s] and Pi_t, shape (K,), with a back pressure p_amb + k_exhaust W_t^2 of its own.
 
-    `x` is (5, K) in the order of `INPUTS`, `wider` is the turbine's area over that of the model.
+    `x` is (5, K) in the order of `TURBINE_INPUTS`, `wider` is the turbine's area over that of the model.
     """
     # The engine's model makes three passes of the fixed point, `relation.turbine_pass`, and so is a clean exhaust here. All
     # places make one pass before the next: no place waits for its own power. With a restriction the passes swing around
@@ -52,15 +52,15 @@ def turbine(c: DieselConstants, k_exhaust: Array, x: Array, wider: Array) -> tup
 def left_by_turbine(c: DieselConstants, x: Array, lacks: Array, left: Array) -> Array:
     """Return how what a healthy engine leaves of exhaust and turbo changes with what the engine lacks, shape (2, K) [kg/s].
 
-    `x` is (5, K) in the order of `INPUTS`, `lacks` the power and the restriction of the turbine over those in order.
+    `x` is (5, K) in the order of `TURBINE_INPUTS`, `lacks` the power and the restriction of the turbine over those in order.
     A fault changes the turbine that healthy drives show. What the exhaust leaves counts as the flow that it swallows beyond its
     model, what the turbo leaves as the power that it lacks. That is an assumption: the flows of cylinders, EGR and compressor
     have balances of their own, the compressor's power has none.
     """
     out, at = np.zeros((2, x.shape[1])), np.flatnonzero((lacks[0] != 1.0) | (lacks[1] != 1.0))
     x, lacks, flow_left, power_left = x[:, at], lacks[:, at], left[0, at], left[1, at]
-    as_modelled, clean = np.ones(at.size), np.full(at.size, c.k_exhaust)
-    W_t, P_t = flow_and_power(c, clean, x, as_modelled)
+    own_area, clean = np.ones(at.size), np.full(at.size, c.k_exhaust)
+    W_t, P_t = flow_and_power(c, clean, x, own_area)
     healthy = np.empty(at.size)
     for k in range(at.size):
         healthy[k] = min(max(P_t[k] - POWER * power_left[k], OTHER[0] * P_t[k]), OTHER[1] * P_t[k])
@@ -72,7 +72,7 @@ def left_by_turbine(c: DieselConstants, x: Array, lacks: Array, left: Array) -> 
         if W_t[k] > 0.0:
             wider[k] = min(max(1.0 + flow_left[k] / W_t[k], OTHER[0]), OTHER[1])
     (W_own, P_own), (W_now, P_now) = flow_and_power(c, clean, x, wider), flow_and_power(c, restricted, x, wider)
-    W_lacking, P_lacking = flow_and_power(c, restricted, x, as_modelled)
+    W_lacking, P_lacking = flow_and_power(c, restricted, x, own_area)
     for k in range(at.size):
         flow = W_now[k] / W_own[k] if W_own[k] > 0.0 else 1.0
         power = P_now[k] / P_own[k] if P_own[k] > 0.0 else 1.0
@@ -105,12 +105,12 @@ def expansion(ambient: float, strength: float, K_t: float) -> float:
     return min(P, 0.9999)
 
 
-@lru_cache(4)
-def left_again(c: DieselConstants, turning: bytes, lacks: bytes, left: bytes) -> Array:
-    """Return the same, from the bytes of all arrays: most effects leave what the turbine depends on as it is."""
-    x, sizes, healthy = (
-        np.frombuffer(each).reshape(n, -1) for each, n in ((turning, len(INPUTS)), (lacks, 2), (left, 2))
-    )
-    found = left_by_turbine(c, x, sizes, healthy)
-    found.setflags(write=False)  # it is kept
-    return found
+def _restricted(c: DieselConstants, x: Array, restriction: Array) -> tuple[Array, Array]:
+    return turbine(c, c.k_exhaust * restriction, x, np.ones(restriction.size))
+
+
+# Most effects leave what the turbine depends on as it is.
+turbine_as_modelled = Kept(_restricted)
+"""Returns W_t and Pi_t as `turbine` does, of one as modelled, from its inputs and the restriction over that in order, (K,)."""
+left_again = Kept(left_by_turbine)
+"""Returns what `left_by_turbine` does."""
