@@ -10,9 +10,9 @@ an error of the map: what healthy drives tell at a node is the sum of both. The 
 corrects a channel, the function goes along by its derivative.
 
 The function is a Gaussian process: bells over the channels around instants of the healthy drives, and a line over their rates,
-since sensors that are slow when the engine is healthy stay slow. How far a bell reaches along each channel is what makes the
-drives likeliest, for every balance: the ambient pressure of six days says little of a seventh. Where a drive goes elsewhere the
-bells end, and what the function would have said counts as noise.
+and over what the balance changes by where a temperature is late: sensors that are slow when the engine is healthy stay slow. How
+far a bell reaches along each channel is what makes the drives likeliest, for every balance: the ambient pressure of six days says
+little of a seventh. Where a drive goes elsewhere the bells end, and what the function would have said counts as noise.
 """
 
 from collections.abc import Iterator, Mapping
