@@ -296,9 +296,15 @@ def error_of(linear: Linear, index: int, standard_error: float) -> tuple[float, 
 
 
 def says_something(effect: Accepted) -> bool:
-    """Return whether a formula has a signal in common with its rivals, formulas that explain the logs as well, if they are many."""
+    """Return whether a listed effect's interval is all on one side of none, or a formula says what many that explain as much do.
+
+    If formulas that explain the logs as well are many, they must have a signal in common.
+    """
+    term, form = effect.candidate.term, effect.candidate.id.startswith(PREFIX)
+    if not form:
+        return abs(term.size - term.effect.null) > NINETY * effect.standard_error
     alike = [id_ for id_ in (effect.candidate.id, *effect.indistinguishable) if id_.startswith(PREFIX)]
-    return effect.candidate.id not in alike or len(alike) < FORM_ALIKE or share_a_signal(alike)
+    return len(alike) < FORM_ALIKE or share_a_signal(alike)
 
 
 def _as_fitted(linear: Linear, bare: Linear, candidate: Candidate) -> Candidate:

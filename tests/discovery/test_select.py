@@ -90,10 +90,10 @@ def test_the_drive_itself_tells_the_noise_of_what_begins():
 
 def test_so_many_healthy_drives_would_prove_what_few_do_not():
     """The chance of a size as far from none falls with the drives that tell how far it varies."""
-    (near, problem), (far, _) = (asked(gain, 0.5, degrees=4 + POOLED, drives=4) for gain in (19.0, 20.0))
+    (near, problem), (far, _) = (asked(gain, 0.5, degrees=4 + POOLED, drives=4) for gain in (25.0, 26.0))
     name, number = drives_needed([near, far], problem)
-    assert name == "of 20"
-    by_hand = [20 * 2.0 * scipy.stats.t.sf(np.sqrt(20.0), drives + POOLED) for drives in (number - 1, number)]
+    assert name == "of 26"
+    by_hand = [20 * 2.0 * scipy.stats.t.sf(np.sqrt(26.0), drives + POOLED) for drives in (number - 1, number)]
     assert by_hand[0] >= SIGNIFICANT_LEARNED > by_hand[1]
 
 
@@ -226,15 +226,22 @@ def test_where_healthy_drives_tell_formulas_take_off_a_tenth(monkeypatch, left, 
         ("T_coolant", ["time", "v_veh", "n_e * T_coolant"], False),
         ("T_coolant", ["time", "v_veh"], True),  # a few are listed beside the name
         ("(p_em/p_im - 1.06)", ["n_e * p_em", "p_em * time", "W_maf * (lag(p_em, 20 s) - 3 Pa)"], True),
-        (None, ["time", "v_veh", "n_e"], True),  # a listed effect keeps its name
         ("T_coolant", ["time", "", ""], True),  # one rival among listed effects
     ],
 )
 def test_a_formula_with_many_rivals_of_other_signals_says_nothing(named, rivals, something):
     """A housing that warmed up was a formula of the coolant, of the time, and of the vehicle's speed, all as good."""
-    id_ = f"form:W_maf ~ W_maf * {named}" if named else "maf.gain"
     like = tuple(f"form:W_maf ~ W_maf * {product}" if product else "maf.drift" for product in rivals)
-    found = SimpleNamespace(candidate=SimpleNamespace(id=id_), indistinguishable=like)
+    candidate = SimpleNamespace(id=f"form:W_maf ~ W_maf * {named}", term=None)
+    assert joint_choice.says_something(SimpleNamespace(candidate=candidate, indistinguishable=like)) == something
+
+
+@pytest.mark.parametrize(("error", "something"), [(0.02, True), (0.04, False)])
+def test_a_listed_effect_whose_interval_has_none_in_it_says_nothing(error, something):
+    """A clean drive had an error of the sensor from 152 to 180 s of -0.6 % per kelvin, and an interval up to 0.1 %."""
+    term = SimpleNamespace(size=0.95, effect=SimpleNamespace(null=1.0))
+    candidate, like = SimpleNamespace(id="maf.gain", term=term), ("form:W_maf ~ n_e",) * 4  # rivals do not matter
+    found = SimpleNamespace(candidate=candidate, standard_error=error, indistinguishable=like)
     assert joint_choice.says_something(found) == something
 
 
