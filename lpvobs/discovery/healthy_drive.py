@@ -215,22 +215,17 @@ class HealthyDrive:
 
     def _follows(self, problem: Problem) -> Mapping[str, tuple[Array, Array]]:
         """Return the derivatives of what a healthy engine leaves by value and rate of each channel but the sensor, (B, K)."""
-        c, r, every = len(self.channels), len(self.rates), zip(self.bells, self.inputs(problem), strict=True)
-        slopes = np.array([0.5 * sum(bells.slopes(view) for view in views) for bells, views in every]).transpose(
-            2, 0, 1
-        )
+        c, r, names = len(self.channels), len(self.rates), self.temperatures
+        every = zip(self.bells, self.inputs(problem), strict=True)
+        each = np.array([0.5 * sum(bells.slopes(view) for view in views) for bells, views in every])
+        slopes = each.transpose(2, 0, 1)  # (c + r + t, B, K)
         slopes[: c + r] /= self.spread[:, None, None]
-        by_value, by_rate = (
-            dict(zip(self.channels, slopes[:c], strict=True)),
-            dict(zip(self.rates, slopes[c:], strict=False)),
-        )
-        late = zip(
-            self.temperatures,
-            slopes[c + r :] / self.late.T[:, :, None],
-            slopes_of_lateness(problem, self.temperatures),
-            strict=True,
-        )
-        for name, slope, (of_value, of_rate) in late:
+        slopes[c + r :] /= self.late.T[:, :, None]
+        by_value = dict(zip(self.channels, slopes[:c], strict=True))
+        by_rate = dict(zip(self.rates, slopes[c : c + r], strict=True))
+        for name, slope, (of_value, of_rate) in zip(
+            names, slopes[c + r :], slopes_of_lateness(problem, names), strict=True
+        ):
             by_value[name], by_rate[name] = by_value[name] + slope * of_value, by_rate[name] + slope * of_rate
         return {name: (slope, by_rate[name]) for name, slope in by_value.items() if name in by_rate}
 

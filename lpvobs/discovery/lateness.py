@@ -9,11 +9,9 @@ from dataclasses import replace
 import numpy as np
 
 from lpvobs.discovery.residual import Problem
-from lpvobs.discovery.thresholds import STEP
+from lpvobs.discovery.thresholds import AHEAD, STEP
 from lpvobs.engines.effects import Signals
 from lpvobs.records import Array
-
-AHEAD = 0.1  # [s] A channel is taken so far along its rate: near the stall, or where a flow turns, no derivative is one for long
 
 
 def late_by(problem: Problem, names: Sequence[str]) -> Array:

@@ -110,6 +110,8 @@ MOST_STRETCHED = 3.0
 # --- How models are fitted -------------------------------------------------------------------------------------------------
 STEP = 1e-4
 """[1] Relative step of difference quotients by constants. Set by rounding against curvature."""
+AHEAD = 0.1
+"""[s] Time by which a late temperature is taken along its rate. Set by choice: where a flow turns, no derivative holds for long."""
 EFFECT_STEP = 0.02
 """[1] Step of difference quotients by an effect, as a share of its noticeable size; from none it is the whole of that, to either
 side. Set by rounding against curvature; held by run 11."""
