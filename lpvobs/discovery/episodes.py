@@ -5,13 +5,15 @@ from dataclasses import replace
 import numpy as np
 
 from lpvobs.discovery.course_choice import by_place, gains, is_worth, may_have_episodes, on_places, timed_again
+from lpvobs.discovery.courses import TracedCourse
 from lpvobs.discovery.evidence import Candidate, in_place
 from lpvobs.discovery.fit import fit, objective
 from lpvobs.discovery.joint_choice import choose_all_again
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.residual import Term, are_apart
 from lpvobs.discovery.sizes import slope_of
-from lpvobs.discovery.thresholds import STRETCH, TIE
+from lpvobs.discovery.thresholds import DATED, STRETCH, TIE
+from lpvobs.records import Array
 
 Model = tuple[Linear, tuple[Candidate, ...]]
 """A model, and what was accepted of it."""
@@ -60,7 +62,7 @@ def from_its_end(linear: Linear, accepted: tuple[Candidate, ...], further: Candi
 
 
 def edges_again(bare: Linear, term: Term) -> Term:
-    """Return what comes and goes with each edge moved, by a stretch at most, to where it gains most with all unknowns fitted.
+    """Return what comes and goes, each edge moved by a stretch at most to where it gains clearly more with all unknowns fitted.
 
     `bare` is the model without it. Once an edge in a stretch that was kept back stayed at the end of that: the unknowns of a model
     with the wrong edge had taken the rest.
@@ -76,10 +78,14 @@ def edges_again(bare: Linear, term: Term) -> Term:
             at = np.append(edge, tried[(tried > low) & (tried < high)])
             moved = np.tile(edges, (at.size, 1))
             moved[:, i] = at
-            courses = [replace(course, intervals=tuple(map(tuple, one.reshape(-1, 2).tolist()))) for one in moved]
-            edges[i] = at[np.argmax(gains(each, slope, np.array([problem.share(one) for one in courses])))]
-    found = replace(course, intervals=tuple(map(tuple, edges.reshape(-1, 2).tolist())))
-    return replace(on_places(term.effect, found, problem), size=term.size)
+            gain = gains(each, slope, np.array([problem.share(_between(course, one)) for one in moved]))
+            edges[i] = at[np.argmax(gain)] if gain.max() > gain[0] + DATED else edge
+    return replace(on_places(term.effect, _between(course, edges), problem), size=term.size)
+
+
+def _between(course: TracedCourse, edges: Array) -> TracedCourse:
+    """Return a course whose intervals have these edges, one after the other."""
+    return replace(course, intervals=tuple((float(a), float(b)) for a, b in edges.reshape(-1, 2)))
 
 
 def _moved(linear: Linear, i: int, further: Candidate) -> tuple[Linear, Candidate] | None:
