@@ -12,7 +12,7 @@ from lpvobs.discovery.joint_choice import choose_all_again
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.residual import Term, are_apart
 from lpvobs.discovery.sizes import slope_of
-from lpvobs.discovery.thresholds import DATED, STRETCH, TIE
+from lpvobs.discovery.thresholds import DATED, HOPELESS, STRETCH, TIE
 from lpvobs.records import Array
 
 Model = tuple[Linear, tuple[Candidate, ...]]
@@ -56,9 +56,12 @@ def from_its_end(linear: Linear, accepted: tuple[Candidate, ...], further: Candi
     until = fit(linear.problem, [*linear.terms, term], start=linear)
     turned = replace(term, begin=term.end, end=np.inf, size=2.0 * term.effect.null - term.size)
     trial = fit(linear.problem, [*linear.terms, turned], start=linear)
+    left, least, most = (objective(each) for each in (trial, until, linear))
+    if most - left < HOPELESS * (most - least):  # what is as good once all are chosen again takes much of that before
+        return None
     named = in_place(trial, len(accepted), replace(further, term=trial.terms[-1]))
     again, longer = choose_all_again(trial, (*accepted, named))
-    return (again, longer) if objective(again) < objective(until) + TIE else None
+    return (again, longer) if objective(again) < least + TIE else None
 
 
 def edges_again(bare: Linear, term: Term) -> Term:

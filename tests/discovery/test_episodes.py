@@ -98,9 +98,15 @@ def test_episodes_stand_for_a_further_effect_if_they_leave_no_more(monkeypatch, 
 
 
 @pytest.mark.parametrize(
-    ("left", "learned", "turned"), [(130.0, True, True), (160.0, True, False), (99.0, False, False)]
+    ("trial", "left", "learned", "turned"),
+    [
+        (140.0, 130.0, True, True),
+        (140.0, 160.0, True, False),
+        (140.0, 99.0, False, False),
+        (149.0, 99.0, True, False),  # takes too little of what is left: not looked at further
+    ],
 )
-def test_what_ends_beside_an_effect_that_stands_for_both_begins_there(monkeypatch, left, learned, turned):
+def test_what_ends_beside_an_effect_that_stands_for_both_begins_there(monkeypatch, trial, left, learned, turned):
     """A dirty sensor from 187 s on, and an offset from 249 s on, were one that was too dirty, and less until 240 s."""
     film, off = (effect(name, "sensor") for name in ("maf.contamination", "maf.offset"))
     problem = SimpleNamespace(patterns=(1,) if learned else ())
@@ -109,7 +115,7 @@ def test_what_ends_beside_an_effect_that_stands_for_both_begins_there(monkeypatc
     candidate = Candidate(own, 259.0, 1.0, 1.0, np.zeros(1), 1.0, False, 1.0, 0.0)
 
     def fitted(_, terms, start):
-        return SimpleNamespace(problem=problem, terms=tuple(terms), left=130.0 if terms[-1] == own else 140.0)
+        return SimpleNamespace(problem=problem, terms=tuple(terms), left=130.0 if terms[-1] == own else trial)
 
     def again(linear, accepted):
         return SimpleNamespace(terms=linear.terms, left=left), accepted
