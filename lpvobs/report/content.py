@@ -1,21 +1,20 @@
 """What a page shows, as plain frozen data, and the results and logs that it is made of; the object of `report --json`."""
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from lpvobs.engines.base import MapAxis
 from lpvobs.engines.registry import ENGINES
-from lpvobs.errors import DataError
+from lpvobs.errors import DataError, UsageError
 from lpvobs.ingest.record import stored_record
+from lpvobs.io.configuration.config import config_of
 from lpvobs.io.logs.parquet import log_digest
-from lpvobs.io.logs.policies import LogPolicies
+from lpvobs.io.logs.policies import Reading
 from lpvobs.io.logs.reading import read_log, read_references
 from lpvobs.io.results.hdf import is_hdf5
 from lpvobs.io.results.results import REMEDY, StoredResult, read_result
@@ -181,7 +180,7 @@ def _drive(path: Path, digest: str, results: Sequence[StoredResult]) -> Drive:
             f"expected a log that `lpvobs estimate` read, unchanged; leave this log out, or run `lpvobs estimate` on it first"
         )
     air_path, grid = ENGINES[owner.air_path].air_path, owner.grid
-    log = read_log(path, air_path.channels, _policies(owner))
+    log = read_log(path, air_path.channels, _reading(owner))
     references = read_references(path, log.rows) or {}
     fuel, speed = (log[axis.channel] for axis in air_path.axes)
     reference, surface = references.get("ref_delta_W_c"), None
@@ -203,12 +202,12 @@ def _drive(path: Path, digest: str, results: Sequence[StoredResult]) -> Drive:
     )
 
 
-def _policies(result: StoredResult) -> LogPolicies:
-    """Return the policies that the log was read with when the result was made."""
+def _reading(result: StoredResult) -> Reading:
+    """Return how the log was read when the result was made: a slow sensor that was put right then is put right here."""
     try:
-        return msgspec.convert(tomllib.loads(result.provenance.config).get("policies", {}), LogPolicies)
-    except (ValueError, AttributeError, RecursionError, msgspec.MsgspecError) as error:
-        raise DataError(f"{result.path}: the configuration in this file is damaged ({error}); {REMEDY}") from None
+        return config_of(result.provenance.config, result.path).reading
+    except UsageError as error:
+        raise DataError(f"{error}; the configuration in this file is damaged; {REMEDY}") from None
 
 
 def doubtful_nodes(supported: NDArray[np.bool_], standard_error: Array) -> NDArray[np.bool_]:

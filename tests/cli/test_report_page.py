@@ -4,8 +4,12 @@ import os
 import re
 import subprocess
 
+import numpy as np
 import pytest
+from repository import DIESEL
 from verbs import AFRESH
+
+from lpvobs.report.content import load
 
 
 def test_json_has_the_papers_figure_beside_its_own(lpvobs, chain):
@@ -58,6 +62,20 @@ def test_a_gate_on_what_a_log_cannot_have(lpvobs, bare, tmp_path):
         assert of_the_paper not in told
     read = re.sub(r"<(script|style|svg).*?</\1>|<[^>]*>", " ", told, flags=re.DOTALL)
     assert not re.search(r"[-−]0(\.0+)?(?![\d.])", read)
+
+
+def test_the_course_of_a_slow_sensor_is_the_one_that_the_map_was_made_from(lpvobs, chain, tmp_path):
+    config, slow = tmp_path / "slow.toml", tmp_path / "slow.h5"
+    text = DIESEL.read_text(encoding="utf-8")
+    config.write_text(text.replace("\n[policies]", "\n[sensors.W_maf]\ntau = 0.5\n[policies]"), encoding="utf-8")
+    done = lpvobs("estimate", "--config", config, "--gain", chain.gain, chain.log, "--out", slow)
+    assert done.code == 0, done.err
+    ((right,), (recorded,)) = (load([result, chain.log]).drives.values() for result in (slow, chain.result))
+    second = np.ones(20) / 20.0
+    change, rate = (
+        np.convolve(x, second, "valid") for x in (right.measured - recorded.measured, np.gradient(recorded.measured))
+    )
+    assert change @ rate / (rate @ rate) == pytest.approx(0.5 * 20.0, rel=0.1)  # tau over the step of the samples
 
 
 def test_one_page_that_needs_nothing_else(lpvobs, chain, page, tmp_path):
