@@ -80,6 +80,15 @@ class HealthyDrive:
     ]
     half: Annotated[Array, Item("1", "the same where it acts from the middle of a drive on", ("effect",), gaps=True)]
     beyond: Annotated[Array, Item("1", "variance of its size over that of noise, by independent residual", ("effect",))]
+    searched: Annotated[
+        Array,
+        Item(
+            "1",
+            "gain of its best onset on a healthy drive, over that in noise: one end, two",
+            ("effect", "ends"),
+            gaps=True,
+        ),
+    ]
     common: Annotated[float, Item("1", "the same of all effects together")] = 0.0
     seconds: Annotated[float, Item("s", "length of a healthy drive, on average")] = thresholds.HEALTHY_SECONDS
     uneven: Annotated[
@@ -238,6 +247,13 @@ class HealthyDrive:
         known = [effect for effect in problem.catalogue if effect.id in each]
         in_place = {effect.place: [each[e.id] for e in known if e.place == effect.place] for effect in known}
         places = {place: float(np.mean(own)) for place, own in in_place.items()}
+        sized = {
+            name: found for name, found in zip(self.effects, self.searched, strict=True) if np.isfinite(found).all()
+        }
+        near = {place: [sized[e.id] for e in known if e.place == place and e.id in sized] for place in in_place}
+        searched = sized | {place: np.mean(own, 0) for place, own in near.items() if own}
+        if sized:
+            searched[""] = np.mean(list(sized.values()), 0)
         return Seeming(
             whole,
             half,
@@ -249,6 +265,7 @@ class HealthyDrive:
             len(self.logs),
             # a further one is learned from where enough of an hour is missing
             1 + int((thresholds.HEALTHY_SECONDS - thresholds.HEALTHY_LEAST) / self.seconds),
+            searched=searched,
         )
 
     def _slow(self, problem: Problem, along: Array, b: int, wider: Array) -> Array:

@@ -34,6 +34,7 @@ from lpvobs.discovery.likeliest import LEAST_PIECES, Likeliest, at_first, likeli
 from lpvobs.discovery.map_prior import MapPrior
 from lpvobs.discovery.noise import beyond_usual, usual_sizes
 from lpvobs.discovery.normal import map_normal
+from lpvobs.discovery.onsets import best_onsets, over_noise
 from lpvobs.discovery.places import moves
 from lpvobs.discovery.residual import Problem, lay_out
 from lpvobs.discovery.sizes import forget
@@ -52,15 +53,18 @@ def learned(model: ResidualModel, grid: Grid, prior: MapPrior, logs: Sequence[Lo
     """
     parts = halves(logs[0]) if len(logs) == 1 else list(logs)
     judged = [_judged(model, grid, prior, parts[:i] + parts[i + 1 :], log) for i, log in enumerate(parts)]
-    *seen_by, data, uneven = zip(*judged, strict=True)
+    *seen_by, onsets, data, blocks, uneven = zip(*judged, strict=True)
     (effects, whole, late, beyond), *shapes = (_beyond_on_drives(each, float(np.mean(data))) for each in seen_by)
     (curves, *_, of_curve), (forms, *_, of_form) = shapes
     common, no_size = float(beyond.mean()), np.full(len(curves) + len(forms), np.nan)  # shapes have none
+    by_onset = [np.array([each[name] for name in effects]) for each in onsets]
+    searched = over_noise(by_onset, late, beyond, np.array(data), np.array(blocks))
     whole, late = np.append(whole, no_size), np.append(late, no_size)
     found = learned_from(model, grid, prior, parts)
     return replace(
         found, logs=tuple(log.name for log in logs), effects=(*effects, *curves, *forms), whole=whole, half=late,
         beyond=np.concatenate([beyond, of_curve, of_form]), common=common, uneven=max(1.0, *uneven),
+        searched=np.vstack([searched, np.full((no_size.size, 2), np.nan)]),
         seconds=float(np.mean([log.time[-1] - log.time[0] for log in logs])),
     )  # fmt: skip
 
@@ -77,8 +81,8 @@ def _beyond_on_drives(seen_by: Sequence[Scores], data: float) -> tuple[tuple[str
 
 def _judged(
     model: ResidualModel, grid: Grid, prior: MapPrior, others: Sequence[Log], log: Log
-) -> tuple[Scores, Scores, Scores, float, float]:
-    """Return what a drive shows of each effect, curve and form, as others see it; how much data; how uneven."""
+) -> tuple[Scores, Scores, Scores, dict[str, Array], float, int, float]:
+    """Return what a drive shows of each effect, curve and form, as others see it, and by onsets; how much data; how uneven."""
     seen = learned_from(model, grid, prior, others)
     laid = seen.taken_off(lay_out(seen.engine(model), grid, prior.beside(seen.deviation), [log], spacing=seen.spacing))
     linear, middle = fit(laid, passes=2), 0.5 * float(laid.clock[0] + laid.clock[-1])
@@ -87,9 +91,10 @@ def _judged(
     effects = {effect.id: first_order(linear, effect, *spans) for effect in laid.catalogue}
     curves = {curve.id: [shape_shown(linear, curve, begin) for begin, _ in spans] for curve in recorded}
     forms = shapes_shown(linear, -np.inf, middle)
+    onsets = {effect.id: best_onsets(linear, effect) for effect in laid.catalogue}
     uneven = elsewhere_of(linear)
     forget()
-    return effects, curves, forms, laid.data, uneven
+    return effects, curves, forms, onsets, laid.data, laid.first.size, uneven
 
 
 def by_all_balances(model: ResidualModel, grid: Grid, prior: MapPrior, logs: Sequence[Log]) -> Array:
@@ -283,6 +288,7 @@ def _bare(problem: Problem, logs: Sequence[str]) -> HealthyDrive:
         late=np.where(late > 0.0, late, 1.0),
         bells=(nothing,) * len(balances), amplitude=none, of_map=none, deviation=np.zeros(len(problem.model.names)),
         covariance=none, scale=none, lasting=none, missed=none, slow=none, effects=(), whole=none, half=none, beyond=none,
+        searched=np.zeros((0, 2)),
     )  # fmt: skip
 
 

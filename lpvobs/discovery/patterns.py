@@ -70,6 +70,14 @@ def _by_block(shapes, row, first):  # type: ignore[no-untyped-def]
     return out
 
 
+def beyond_of(information: Array, size: Array, share: Array, most: Array) -> Array:
+    """Return the variance of a size over that of noise, 1/information, of an effect that acts for a share of the time.
+
+    What varies with the time on a healthy drive varies more within a shorter time: below half a drive as the noise does.
+    """
+    return np.asarray(np.minimum(information * size**2 * np.maximum(1.0, 0.5 / share), most))
+
+
 @dataclass(frozen=True)
 class Seeming:
     """What a healthy engine seems to have of effects: the standard deviation of their sizes beyond noise.
@@ -87,3 +95,5 @@ class Seeming:
     degrees: float = np.inf  # drives that tell of it, those that the pooled variance counts as among them
     drives: int = 0  # those drives alone
     most: int = 0  # drives as long as these that are learned from at most
+    # by effect, by place, and by "" for any other: what the search for one end, and for two, finds, over what it finds in noise
+    searched: Mapping[str, Array] = field(default_factory=dict)

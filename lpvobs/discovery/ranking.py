@@ -106,15 +106,26 @@ def chance(candidate: Candidate, problem: Problem, wider: float = 1.0) -> float:
     Healthy drives tell how far sizes vary. Each shows an effect that lasts once, its noise included: the distribution is Student's
     with as many degrees of freedom as there are drives (the moderated t-test, Smyth 2004). An effect that begins or ends is
     compared with the rest of its drive, which tells the noise: the larger the part of noise, the nearer is its distribution to
-    the normal one (Satterthwaite). That is a choice, held by the clean drives of seed 723923 of the second bank.
+    the normal one (Satterthwaite). That is a choice, held by the clean drives of seed 723923 of the second bank. Nor may it gain
+    less, over noise, than the best onset gains on a healthy drive: what they leave comes and goes, too.
     """
     gain = max(candidate.told * max(candidate.gain - candidate.price + candidate.paid, 0.0) - candidate.paid, 0.0)
     statistic = 2.0 * (gain / wider) / max(candidate.unevenness, 1.0)
+    statistic /= _by_search(candidate, problem)
     ends = max(candidate.loss.size / thresholds.LEAST_LENGTH, 1.0)
     hypotheses = _families(problem) * len(problem.catalogue) * ends**candidate.changes
     varies = 1.0 - candidate.told if candidate.changes else 1.0  # the part whose variance drives alone tell
     degrees = min(problem.seeming.degrees / max(varies, 1e-6) ** 2, 1e6)
     return float(min(1.0, hypotheses * scipy.special.fdtrc(1, degrees, statistic)))
+
+
+def _by_search(candidate: Candidate, problem: Problem) -> float:
+    """Return how much more the search for the ends of a candidate finds on healthy drives than in noise."""
+    found, ends = problem.seeming.searched, candidate.changes
+    if not (found and ends):
+        return 1.0
+    names = (problem.known_as(candidate.term)[0], candidate.term.effect.place, "")
+    return float(next(found[name] for name in names if name in found)[min(ends, 2) - 1])
 
 
 def _families(problem: Problem) -> int:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from lpvobs.discovery import thresholds
 from lpvobs.discovery.courses import Shape, TracedCourse, state
 from lpvobs.discovery.map_prior import MapPrior
-from lpvobs.discovery.patterns import Patterns, Seeming
+from lpvobs.discovery.patterns import Patterns, Seeming, beyond_of
 from lpvobs.discovery.places import Places, blocks_of_logs, instants_of, kept_back, starts, stretches
 from lpvobs.engines.effects import SENSOR, Effect
 from lpvobs.engines.followers import with_followers
@@ -163,8 +163,7 @@ class Problem(Places):
     def seems(self, term: "Term", information: float, name: str = "") -> float:
         """Return the variance of the size that a healthy engine seems to have of an effect, over that of noise, 1/information.
 
-        `name` is one that the term is known as, the first one by itself. What varies with the time on a healthy drive varies more
-        within a shorter time: below half a drive as the noise does. It is at most the multiple of noise that it is on healthy
+        `name` is one that the term is known as, the first one by itself. It is at most the multiple of noise that it is on healthy
         drives: what they leave is an error of the balances, and a drive that tells more of an effect is thrown off less by it.
         """
         name = name or self.known_as(term)[0]
@@ -174,7 +173,7 @@ class Problem(Places):
         if size is None:
             return most
         share = max(float(np.mean(term.acts(self.clock))), 1.0 / self.K)
-        return min(information * size**2 * max(1.0, 0.5 / share), most)
+        return float(beyond_of(*map(np.asarray, (information, size, share, most))))
 
     def over_columns(self, values: Array) -> Array:
         """Return values at places, shape (K,), for every column of the signals; a sample has that of its block."""

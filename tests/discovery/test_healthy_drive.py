@@ -395,7 +395,8 @@ def test_what_a_healthy_engine_seems_to_have_is_no_fault(healthy, plant, config,
     step = other(2, np.where(clean.time > 150.0, 1.06, 1.0))
     sizes = dict.fromkeys([effect.id for effect in plant.catalogue], 0.0) | {"maf.gain": 0.05}
     none, any_ = np.zeros(len(sizes)), np.full(len(sizes), np.inf)
-    seeming = replace(healthy, effects=tuple(sizes), whole=np.array(list(sizes.values())), half=none, beyond=any_)
+    whole, ones = np.array(list(sizes.values())), np.ones((len(sizes), 2))
+    seeming = replace(healthy, effects=tuple(sizes), whole=whole, half=none, beyond=any_, searched=ones)
     problems = [each.taken_off(lay_out(plant, config.grid(), prior, [step])) for each in (healthy, seeming)]
     effect = plant.effect("maf.gain")
     plain, wider = (fit_candidate(fit(problem), effect) for problem in problems)
@@ -608,7 +609,12 @@ def test_noise_of_a_size_is_no_variation_of_the_engine():
 def test_what_lasts_shorter_than_half_a_drive_varies_more(healthy, plant, config, prior, other):
     """A reading that was off for the first half minute of a healthy drive once got a name."""
     seeming = replace(
-        healthy, effects=("maf.gain",), whole=np.array([0.01]), half=np.array([0.02]), beyond=np.array([0.1])
+        healthy,
+        effects=("maf.gain",),
+        whole=np.array([0.01]),
+        half=np.array([0.02]),
+        beyond=np.array([0.1]),
+        searched=np.ones((1, 2)),
     )
     problem = seeming.taken_off(lay_out(plant, config.grid(), prior, [other(2, 1.0)]))
     gain, (begin, end) = plant.effect("maf.gain"), problem.clock[[0, -1]]
@@ -631,7 +637,12 @@ def test_what_lasts_shorter_than_half_a_drive_varies_more(healthy, plant, config
 def test_a_drive_that_tells_much_of_an_effect_is_thrown_off_less(healthy, plant, config, prior, other):
     """Two healthy drives with hardly any exhaust made a turbine vary by 2.4 %, also on drives that tell of it within 0.3 %."""
     seeming = replace(
-        healthy, effects=("maf.gain",), whole=np.array([0.01]), half=np.array([0.02]), beyond=np.array([0.001])
+        healthy,
+        effects=("maf.gain",),
+        whole=np.array([0.01]),
+        half=np.array([0.02]),
+        beyond=np.array([0.001]),
+        searched=np.ones((1, 2)),
     )
     problem = seeming.taken_off(lay_out(plant, config.grid(), prior, [other(2, 1.0)]))
     term, most = Term(plant.effect("maf.gain"), 1.0), 0.001 * problem.data
@@ -648,6 +659,7 @@ def test_a_formula_varies_as_the_effects_in_its_place(healthy, plant, config, pr
         whole=np.full(3, 0.01),
         half=np.full(3, 0.02),
         beyond=np.array([0.001, 0.003, 0.03]),
+        searched=np.array([[1.0, 2.0], [1.0, 4.0], [np.nan, np.nan]]),
         common=0.0113,
     )
     problem = seeming.taken_off(lay_out(plant, config.grid(), prior, [other(2, 1.0)]))
@@ -659,6 +671,8 @@ def test_a_formula_varies_as_the_effects_in_its_place(healthy, plant, config, pr
     assert variance("sensor") == pytest.approx(0.002)
     assert variance("EGR") == pytest.approx(0.03)
     assert variance("turbine") == pytest.approx(0.0113)  # nothing is known of that place
+    searched = {name: pair.tolist() for name, pair in problem.seeming.searched.items()}
+    assert searched == {"maf.gain": [1.0, 2.0], "maf.offset": [1.0, 4.0], "sensor": [1.0, 3.0], "": [1.0, 3.0]}
 
 
 def test_fast_errors_last_as_long_at_any_spacing(laid_out, clean, healthy):

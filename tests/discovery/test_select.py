@@ -46,7 +46,7 @@ def searched(monkeypatch):
 def asked(gain, told=1.0, candidates=20, blocks=1, begin=-np.inf, uneven=0.0, size=1.0, most=12, **seeming):
     """Return a candidate, and the problem where so many effects compete and healthy drives tell."""
     problem = Asked(Seeming(most=most, **seeming), (1,), 1000.0, (None,) * candidates)
-    effect = SimpleNamespace(unusual=False, id=f"of {gain:g}", parameter="factor", null=0.0, size=1.0)
+    effect = SimpleNamespace(unusual=False, id=f"of {gain:g}", parameter="factor", null=0.0, size=1.0, place="sensor")
     term = SimpleNamespace(
         course=None, curve=None, begin=begin, end=np.inf, whole=np.isinf(begin), effect=effect, size=size
     )
@@ -61,6 +61,9 @@ class Asked:
     patterns: tuple
     data: float
     catalogue: tuple
+
+    def known_as(self, term):
+        return (term.effect.id,)
 
 
 def judged(*args, degrees=np.inf, drives=6, **kwargs):
@@ -86,6 +89,15 @@ def test_the_drive_itself_tells_the_noise_of_what_begins():
     assert sure == pytest.approx(20 * scipy.stats.chi2.sf(2.0 * gain, 1), rel=0.01)
     assert less == pytest.approx(20 * 2.0 * scipy.stats.t.sf(np.sqrt(2.0 * gain), 4 * degrees))
     assert sure < less < judged(gain, 1.0, degrees=degrees)[0]
+
+
+@pytest.mark.parametrize(("begin", "times"), [(-np.inf, 1.0), (100.0, 3.0)])
+def test_an_onset_must_gain_more_than_the_best_one_on_healthy_drives(begin, times):
+    """What came and went on healthy drives for 20 s was a turbine, and on another drive it had a chance of one in a thousand."""
+    known = {"searched": {"sensor": np.array([3.0, 5.0]), "": np.array([9.0, 9.0])}}
+    (plain, _), (found, _) = (judged(60.0, begin=begin, **each) for each in ({}, known))
+    assert found == pytest.approx(judged(60.0 / times, begin=begin)[0])
+    assert (found > plain) == (times > 1.0)
 
 
 def test_so_many_healthy_drives_would_prove_what_few_do_not():
