@@ -15,9 +15,9 @@ far a bell reaches along each channel is what makes the drives likeliest, for ev
 little of a seventh. Where a drive goes elsewhere the bells end, and what the function would have said counts as noise.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import scipy
@@ -28,6 +28,7 @@ from lpvobs.discovery.imbalances import imbalances_at, operating_nodes, rests_on
 from lpvobs.discovery.lateness import late_by, slopes_of_lateness
 from lpvobs.discovery.patterns import Patterns, Seeming
 from lpvobs.discovery.residual import Problem
+from lpvobs.engines.effects import Effect
 from lpvobs.engines.residual_model import ResidualModel
 from lpvobs.records import Array, Item
 
@@ -244,16 +245,10 @@ class HealthyDrive:
             {name: float(x) for name, x in zip(self.effects, row, strict=True) if not np.isnan(x)}
             for row in (self.whole, self.half, self.beyond)
         )
-        known = [effect for effect in problem.catalogue if effect.id in each]
-        in_place = {effect.place: [each[e.id] for e in known if e.place == effect.place] for effect in known}
-        places = {place: float(np.mean(own)) for place, own in in_place.items()}
-        sized = {
-            name: found for name, found in zip(self.effects, self.searched, strict=True) if np.isfinite(found).all()
-        }
-        near = {place: [sized[e.id] for e in known if e.place == place and e.id in sized] for place in in_place}
-        searched = sized | {place: np.mean(own, 0) for place, own in near.items() if own}
-        if sized:
-            searched[""] = np.mean(list(sized.values()), 0)
+        by_onset = zip(self.effects, self.searched, strict=True)
+        sized = {name: found for name, found in by_onset if np.isfinite(found).all()}  # of a shape nothing is known
+        of_all = {"": np.mean(list(sized.values()), 0)} if sized else {}
+        places = {place: float(mean) for place, mean in _by_place(problem.catalogue, each).items()}
         return Seeming(
             whole,
             half,
@@ -265,7 +260,7 @@ class HealthyDrive:
             len(self.logs),
             # a further one is learned from where enough of an hour is missing
             1 + int((thresholds.HEALTHY_SECONDS - thresholds.HEALTHY_LEAST) / self.seconds),
-            searched=searched,
+            searched=sized | _by_place(problem.catalogue, sized) | of_all,
         )
 
     def _slow(self, problem: Problem, along: Array, b: int, wider: Array) -> Array:
@@ -320,6 +315,13 @@ def _in_modes(model: ResidualModel, modes: Array, answers: Array) -> ResidualMod
         with_unknowns=lambda sizes: at(modes @ sizes),
         by_unknowns=lambda *_: columns,
     )
+
+
+def _by_place(catalogue: Iterable[Effect], each: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the mean, over effects that act in a place, of what is known by effect."""
+    known = [effect for effect in catalogue if effect.id in each]
+    places = dict.fromkeys(effect.place for effect in known)
+    return {place: np.mean([each[e.id] for e in known if e.place == place], 0) for place in places}
 
 
 def where_the_map_stands(problem: Problem) -> Problem:

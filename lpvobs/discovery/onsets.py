@@ -28,21 +28,15 @@ def best_onsets(linear: Linear, effect: Effect) -> Array:
     found = []
     for first, last in ranges:
         candidate = fit_candidate(linear, effect, *ends_of(linear, first, last))
-        uneven = max(candidate.unevenness, 1.0)
-        found.append(
-            (
-                candidate.gain / uneven,
-                candidate.information / uneven,
-                float(candidate.term.acts(linear.problem.clock).mean()),
-            )
-        )
+        uneven, share = max(candidate.unevenness, 1.0), float(candidate.term.acts(linear.problem.clock).mean())
+        found.append((candidate.gain / uneven, candidate.information / uneven, share))
     return np.array([max(found[:2]), found[2]])
 
 
 def over_noise(found: Sequence[Array], late: Array, beyond: Array, data: Array, blocks: Array) -> Array:
     """Return by how much more each of n effects gains by an onset on a healthy drive than in noise, one at least, shape (n, 2).
 
-    What no healthy drive shows of one effect is the mean of all: what comes and goes looks like another effect the next time.
+    Each effect has the mean of all effects at least: what comes and goes may look like another effect on the next drive.
     `found` is (n, 2, 3) of every drive, `late` and `beyond` what sizes vary by, (n,), as `beyond_noise` gives them, `data` and
     `blocks` are (drives,). The largest of m gains by noise, each half of chi-square, is about log m.
     """

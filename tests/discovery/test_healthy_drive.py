@@ -606,16 +606,15 @@ def test_noise_of_a_size_is_no_variation_of_the_engine():
     assert few[0] > 0.1  # zero by itself
 
 
+def varying(healthy, beyond):
+    """Return healthy drives that show the sensor's gain to vary, by that much over noise."""
+    whole, half, ones = np.array([0.01]), np.array([0.02]), np.ones((1, 2))
+    return replace(healthy, effects=("maf.gain",), whole=whole, half=half, beyond=np.array([beyond]), searched=ones)
+
+
 def test_what_lasts_shorter_than_half_a_drive_varies_more(healthy, plant, config, prior, other):
     """A reading that was off for the first half minute of a healthy drive once got a name."""
-    seeming = replace(
-        healthy,
-        effects=("maf.gain",),
-        whole=np.array([0.01]),
-        half=np.array([0.02]),
-        beyond=np.array([0.1]),
-        searched=np.ones((1, 2)),
-    )
+    seeming = varying(healthy, 0.1)
     problem = seeming.taken_off(lay_out(plant, config.grid(), prior, [other(2, 1.0)]))
     gain, (begin, end) = plant.effect("maf.gain"), problem.clock[[0, -1]]
     assert problem.seems(Term(gain, 1.0), 1e4) == pytest.approx(1.0)
@@ -636,14 +635,7 @@ def test_what_lasts_shorter_than_half_a_drive_varies_more(healthy, plant, config
 
 def test_a_drive_that_tells_much_of_an_effect_is_thrown_off_less(healthy, plant, config, prior, other):
     """Two healthy drives with hardly any exhaust made a turbine vary by 2.4 %, also on drives that tell of it within 0.3 %."""
-    seeming = replace(
-        healthy,
-        effects=("maf.gain",),
-        whole=np.array([0.01]),
-        half=np.array([0.02]),
-        beyond=np.array([0.001]),
-        searched=np.ones((1, 2)),
-    )
+    seeming = varying(healthy, 0.001)
     problem = seeming.taken_off(lay_out(plant, config.grid(), prior, [other(2, 1.0)]))
     term, most = Term(plant.effect("maf.gain"), 1.0), 0.001 * problem.data
     assert problem.seems(term, 1e3 * most) == pytest.approx(0.1 * most)
