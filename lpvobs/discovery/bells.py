@@ -81,6 +81,18 @@ class Bells:
         of_mean = 0.5 * (1.0 + np.exp(-0.5 * (apart**2).sum(1)))
         return np.asarray(np.maximum(of_mean - (features**2).sum(1), 0.0))
 
+    def elsewhere(self, views: Array, along: Array, enough: float) -> Array:
+        """Return features of what these bells lack, independent and of unit size, shape (k, n): of bells around n of the inputs.
+
+        There are so many that the inputs lack `enough` of the function's variance on average, and none where they lack no more.
+        Arguments as of `missed`.
+        """
+        (m, c), known = self.centres.shape, along[:, : len(self.centres)]
+        added = spread_out(views[..., :c].mean(0) / self.lengths, SHAPES, enough, known @ self.root.T) * self.lengths
+        bells = 0.5 * sum(bells_of(view[:, :c], added, self.lengths) for view in views)
+        every = replace(self, centres=np.vstack([self.centres, added]))
+        return np.asarray(np.hstack([known, bells]) @ every.root[m:].T)
+
     def slopes(self, inputs: Array) -> Array:
         """Return the derivatives of the function by its inputs, shape (k, c + r)."""
         c = self.lengths.size
@@ -109,15 +121,18 @@ def shorter(bells: Array) -> Array:
     return np.asarray((bells**root) ** root)  # two squares: other powers take ten times as long
 
 
-def spread_out(x: Array, most: int, enough: float) -> Array:
+def spread_out(x: Array, most: int, enough: float, known: Array | None = None) -> Array:
     """Return points of x, shape (k, c), where bells of unit length stand: each where those before tell least.
 
-    There are `most` at most, and no more once the points lack at most `enough` of the function's variance on average.
+    There are `most` at most, and no more once the points lack at most `enough` of the function's variance on average. `known` are
+    the features, (k, m), of bells that stand already.
     """
+    known = np.zeros((len(x), 0)) if known is None else known
     chosen: list[int] = []
-    told, rows = np.zeros(len(x)), np.empty((most, len(x)))
+    told, m = (known**2).sum(1), known.shape[1]
+    rows = np.vstack([known.T, np.empty((most, len(x)))])
     while len(chosen) < most and (1.0 - told).sum() > enough * len(x):  # a Cholesky decomposition with pivots
-        i, j = len(chosen), int(np.argmin(told))
+        i, j = m + len(chosen), int(np.argmin(told))
         if 1.0 - told[j] < RIDGE:
             break
         row = np.exp(-0.5 * ((x - x[j]) ** 2).sum(1)) - rows[:i, j] @ rows[:i]

@@ -66,7 +66,9 @@ def _is_of_its_own(linear: Linear, newest: Candidate, gained: float) -> bool:
         if shapeless or not matters:
             return matters
     share = own_share(linear, last)
-    return share > thresholds.OWN and is_significant(replace(newest, gain=share * newest.gain), linear.problem)
+    return share > thresholds.OWN and is_significant(
+        replace(newest, gain=share * newest.gain), linear.problem, beside=True
+    )
 
 
 def own_share(linear: Linear, index: int) -> float:

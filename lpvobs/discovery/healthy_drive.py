@@ -12,7 +12,8 @@ corrects a channel, the function goes along by its derivative.
 The function is a Gaussian process: bells over the channels around instants of the healthy drives, and a line over their rates,
 and over what the balance changes by where a temperature is late: sensors that are slow when the engine is healthy stay slow. How
 far a bell reaches along each channel is what makes the drives likeliest, for every balance: the ambient pressure of six days says
-little of a seventh. Where a drive goes elsewhere the bells end, and what the function would have said counts as noise.
+little of a seventh. Where a drive goes elsewhere the bells end. What the function would have said there is unknown, and the same
+as long as the drive stays: bells around these places are further unknowns of its search. What they lack counts as noise.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -141,15 +142,19 @@ class HealthyDrive:
         The variance of the errors beyond is in that of white noise.
         """
         views, each = self.inputs(problem), enumerate(self.along(problem))
-        return np.array([self._expected(problem, views[b], along, b) for b, along in each]).swapaxes(0, 1)
+        return np.array([self._expected(problem, views[b], along, b)[0] for b, along in each]).swapaxes(0, 1)
 
-    def _expected(self, problem: Problem, views: Array, along: Array, b: int) -> tuple[Array, Array, Array]:
+    def _expected(
+        self, problem: Problem, views: Array, along: Array, b: int
+    ) -> tuple[tuple[Array, Array, Array], Array]:
+        """Return what `expected` has of one balance, and features of the function where no healthy drive has been, (K, n)."""
         bells = self.bells[b]
+        new = bells.elsewhere(views, along, self.missed[b])
         # what the bells lack on healthy drives is in the errors there
-        beyond = np.maximum(bells.missed(views, along) - self.missed[b], 0.0)
+        beyond = np.maximum(bells.missed(views, along) - (new**2).sum(1) - self.missed[b], 0.0)
         unsure = (self.amplitude[b] / self.scale[b]) ** 2 * beyond
         wider = max(self.lasting[b] / problem.spacing, 1.0) * (1.0 + unsure)
-        return along @ bells.weights, bells.steady(along), wider
+        return (along @ bells.weights, bells.steady(along), wider), new
 
     def taken_off(self, problem: Problem, modes: Array | None = None) -> Problem:
         """Return the problem that asks for what has changed, for any width of the windows.
@@ -160,8 +165,9 @@ class HealthyDrive:
         answers, learned = by_constants(problem), self._by_constants(problem)
         views, each, slow = self.inputs(problem), [], []
         for b, along in enumerate(self.along(problem)):
-            each.append(self._expected(problem, views[b], along, b))
-            slow.append(self._slow(problem, along, b, each[b][-1]))
+            found, new = self._expected(problem, views[b], along, b)
+            each.append(found)
+            slow.append(self._slow(problem, along, new, b, found[-1]))
         expected = np.array(each).swapaxes(0, 1)
         modes = self._shown_modes(problem, answers - learned, expected[-1]) if modes is None else modes
         model = _in_modes(problem.model, modes, answers - learned)
@@ -249,25 +255,18 @@ class HealthyDrive:
         sized = {name: found for name, found in by_onset if np.isfinite(found).all()}  # of a shape nothing is known
         of_all = {"": np.mean(list(sized.values()), 0)} if sized else {}
         places = {place: float(mean) for place, mean in _by_place(problem.catalogue, each).items()}
-        return Seeming(
-            whole,
-            half,
-            each,
-            places,
-            self.common,
-            self.uneven,
-            len(self.logs) + thresholds.POOLED,
-            len(self.logs),
-            # a further one is learned from where enough of an hour is missing
-            1 + int((thresholds.HEALTHY_SECONDS - thresholds.HEALTHY_LEAST) / self.seconds),
-            searched=sized | _by_place(problem.catalogue, sized) | of_all,
-        )
+        drives = len(self.logs)
+        # a further one is learned from where enough of an hour is missing
+        most = 1 + int((thresholds.HEALTHY_SECONDS - thresholds.HEALTHY_LEAST) / self.seconds)
+        searched = sized | _by_place(problem.catalogue, sized) | of_all
+        of_drives = drives + thresholds.POOLED, drives, most, searched
+        return Seeming(whole, half, each, places, self.common, self.uneven, *of_drives)
 
-    def _slow(self, problem: Problem, along: Array, b: int, wider: Array) -> Array:
+    def _slow(self, problem: Problem, along: Array, new: Array, b: int, wider: Array) -> Array:
         """Return what the slow error of a balance may look like, independent and of unit size, as far as data tell, (m, K)."""
         days = scipy.linalg.khatri_rao(logs_of(problem).T, self.bells[b].of_day(along).T).T
         each = [size * columns for size, columns in zip(self.slow[b], (days, minutes_of(problem)), strict=True)]
-        every = np.hstack([along @ self.bells[b].unsure, *each])
+        every = np.hstack([along @ self.bells[b].unsure, self.amplitude[b] * new, *each])
         every = every * problem.shown[b][:, None]
         strength, modes = np.linalg.eigh(every.T @ (every / (self.scale[b] ** 2 * wider)[:, None]))
         return np.ascontiguousarray((every @ modes[:, strength > thresholds.TOLD]).T)

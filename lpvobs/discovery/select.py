@@ -101,8 +101,9 @@ def select(problem: Problem, progress: Callable[[float], None] = lambda _: None)
     final, search = _sized(search)
     bare = _bare(final)
     effects = _finished(final, bare, search, rivals.as_good if search.accepted is named else ())
-    small, told = any(is_small(term, problem) for term in final.terms), min([nothing, *(e.p_value for e in effects)])
-    by_chance = learned and len(effects) and told >= thresholds.SIGNIFICANT_LEARNED
+    small, own = any(is_small(term, problem) for term in final.terms), [e.p_value for e in effects]
+    told = min([nothing, *own])
+    by_chance = learned and len(own) and (told >= thresholds.SIGNIFICANT_LEARNED or max(own) >= thresholds.LIKELY)
     if small or by_chance or not all(map(says_something, effects)):  # once all data tell
         search = _nameless(search, unnamed, search.accepted)
         final = bare = _with_all(search.linear)

@@ -113,8 +113,7 @@ STEP = 1e-4
 AHEAD = 0.1
 """[s] Time by which a late temperature is taken along its rate. Set by choice: where a flow turns, no derivative holds for long."""
 EFFECT_STEP = 0.02
-"""[1] Step of difference quotients by an effect, as a share of its noticeable size; from none it is the whole of that, to either
-side. Set by rounding against curvature; held by run 11."""
+"""[1] Step of differences by an effect, in its noticeable size; from none all of that. Set by rounding against curvature."""
 WIDEST = 100.0
 """[1] Prior standard deviation of an accepted effect in noticeable sizes. Set by choice: so wide that it says nothing."""
 ANEW = 5
@@ -189,9 +188,11 @@ HOPELESS = 0.1
 seed 900352 of the second bank: every effect that gained half as much as the best had 0.28 of it to first order, and more."""
 SIGNIFICANT = 1e-2
 """[1] Probability of naming anything by chance on a log without effects, all candidates and intervals together. Set by choice."""
-SIGNIFICANT_LEARNED = 3e-3
-"""[1] The same where healthy drives tell, and that of nothing below which a residual is `unexplained`. Set by choice: at most two
-of a hundred clean drives may have less. Of 110 of seeds 128542 and 801541, four had less than 0.01, and one less than 0.003."""
+SIGNIFICANT_LEARNED = 1e-3
+"""[1] The same of the first effect where healthy drives tell, and that of nothing below which a residual is `unexplained`. Set by
+seed 406590 of the second bank: of ten clean drives that had been accused, nine have more, and two of 96 clear faults."""
+LIKELY = 0.5
+"""[1] The same of an effect as all data tell of it, from which it has no name. Set by choice: chance is as likely a cause."""
 POOLED = 6.0
 """[1] Healthy drives that what all effects have in common counts as, beside those that show one. Set by choice. With the number
 that the effects' own variances ask for (empirical Bayes: 3 to 18 on four engines, 3 to 13 on twelve others), one of 25 clean
@@ -263,8 +264,7 @@ are not quite its own. Set by sizes on altered drives of the blind banks 9647 an
 intervals hold. Held by seed 900352 of the second bank: 92 % of 150 hold, 81 % without it."""
 SLOWEST = 0.055
 """[s] Sample spacing up to which a residual without a name says something of the engine. Set by clean logs on all cycles: none at
-20 and 50 Hz leaves a residual; at 10 and 5 Hz every cycle does, the windows that hold enough samples blur fast transients; half of
-it turned a verdict of run 10, no decision of run 11 comes near it."""
+20 and 50 Hz leaves a residual, all at 10 and 5 Hz do, whose windows blur fast transients; half of it turned a verdict of run 10."""
 
 # --- How the error before and after is judged ------------------------------------------------------------------------------
 FOLDS = 5

@@ -9,6 +9,9 @@ from lpvobs.discovery.sizes import slope_of
 from lpvobs.discovery.thresholds import BY_CHANCE
 from lpvobs.records import Array
 
+HARDLY = 1e-100
+"""Mean square of its share below which an effect has hardly begun when the drive ends. Products of such shares are zero."""
+
 
 def own_sizes_of(linear: Linear, term: Term, scores: Array, power: Array) -> float:
     """Return by how much more a size of its own for every block gains than noise does in 39 of 40 logs.
@@ -37,6 +40,8 @@ def told_of(linear: Linear, term: Term, information: float, unevenness: float) -
         share = problem.share(term.course)
     healthy = np.ones(share.size) if term.whole else share  # how it seems to act: all along, or as the term does
     power, own = float((share**2).mean()), float((healthy**2).mean())
+    if power < HARDLY:
+        return 1.0
     known = problem.seems(term, information * own / power)
     alike = float((share * healthy).mean()) ** 2 / (power * own)
     return 1.0 / (1.0 + alike * known)

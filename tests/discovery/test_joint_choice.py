@@ -156,6 +156,17 @@ def test_an_effect_that_grows_varies_by_what_it_takes_of_what_healthy_drives_see
         assert told == pytest.approx(1.0 / variance / alone, rel=1e-9)
 
 
+@pytest.mark.parametrize("largest", [1e-100, 1e-170, 0.0])
+def test_what_has_hardly_begun_when_a_drive_ends_is_no_error(plant, largest):
+    """The square of its share was no number, and `refine` ended with a Python error."""
+    clock = np.linspace(0.0, 1.0, 100)
+    problem = SimpleNamespace(
+        known_as=lambda _: ("p_im.offset",), clock=clock, seems=lambda *_: 5.0, share=lambda _: largest * clock
+    )
+    term = Term(plant.effect("p_im.offset"), 1000.0, 0.0, course=TracedCourse("ramp", begin=0.0, end=1.0))
+    assert told_of(SimpleNamespace(problem=problem), term, 1e-300, 1.0) == 1.0
+
+
 @pytest.mark.parametrize(
     ("id_", "size", "ends"),
     [

@@ -12,7 +12,7 @@ from lpvobs.discovery.courses import TracedCourse
 from lpvobs.discovery.evidence import Candidate, score
 from lpvobs.discovery.forms import follows_the_time, share_a_signal
 from lpvobs.discovery.patterns import Seeming
-from lpvobs.discovery.ranking import FAMILIES, chance, drives_needed, is_proven
+from lpvobs.discovery.ranking import FAMILIES, chance, drives_needed, is_proven, places_tried
 from lpvobs.discovery.thresholds import COST, LEAST_LENGTH, POOLED, SIGNIFICANT_LEARNED, SLIGHT
 
 
@@ -69,7 +69,7 @@ class Asked:
 def judged(*args, degrees=np.inf, drives=6, **kwargs):
     """Return the chance of a gain, and whether it is proven."""
     candidate, problem = asked(*args, degrees=degrees, drives=drives, **kwargs)
-    return chance(candidate, problem), is_proven(candidate, SimpleNamespace(problem=problem))
+    return chance(candidate, problem), is_proven(candidate, SimpleNamespace(problem=problem, terms=()))
 
 
 def test_what_lasts_is_seen_once_a_drive_whatever_noise_says_of_it():
@@ -77,7 +77,7 @@ def test_what_lasts_is_seen_once_a_drive_whatever_noise_says_of_it():
     gain = 20.0
     for told in (1.0, 0.5):  # as far from none, in standard deviations
         found, _ = judged(gain / told, told, degrees=12)
-        assert found == pytest.approx(20 * 2.0 * scipy.stats.t.sf(np.sqrt(2.0 * gain), 12))
+        assert found == pytest.approx(FAMILIES * 20 * 2.0 * scipy.stats.t.sf(np.sqrt(2.0 * gain), 12))
     without_healthy_drives, _ = judged(gain, 1.0, drives=0)
     assert without_healthy_drives == pytest.approx(FAMILIES * 20 * scipy.stats.chi2.sf(2.0 * gain, 1), rel=0.01)
 
@@ -86,8 +86,8 @@ def test_the_drive_itself_tells_the_noise_of_what_begins():
     """Of two effects as far from none the one whose variance is mostly noise is surer; both beat one that lasts."""
     gain, degrees = 40.0, 12
     sure, less = (judged(gain / told, told, degrees=degrees, begin=100.0)[0] for told in (1.0, 0.5))
-    assert sure == pytest.approx(20 * scipy.stats.chi2.sf(2.0 * gain, 1), rel=0.01)
-    assert less == pytest.approx(20 * 2.0 * scipy.stats.t.sf(np.sqrt(2.0 * gain), 4 * degrees))
+    assert sure == pytest.approx(FAMILIES * 20 * scipy.stats.chi2.sf(2.0 * gain, 1), rel=0.01)
+    assert less == pytest.approx(FAMILIES * 20 * 2.0 * scipy.stats.t.sf(np.sqrt(2.0 * gain), 4 * degrees))
     assert sure < less < judged(gain, 1.0, degrees=degrees)[0]
 
 
@@ -102,10 +102,12 @@ def test_an_onset_must_gain_more_than_the_best_one_on_healthy_drives(begin, time
 
 def test_so_many_healthy_drives_would_prove_what_few_do_not():
     """The chance of a size as far from none falls with the drives that tell how far it varies."""
-    (near, problem), (far, _) = (asked(gain, 0.5, degrees=4 + POOLED, drives=4) for gain in (25.0, 26.0))
+    (near, problem), (far, _) = (asked(gain, 0.5, degrees=4 + POOLED, drives=4) for gain in (36.0, 37.0))
     name, number = drives_needed([near, far], problem)
-    assert name == "of 26"
-    by_hand = [20 * 2.0 * scipy.stats.t.sf(np.sqrt(26.0), drives + POOLED) for drives in (number - 1, number)]
+    assert name == "of 37"
+    by_hand = [
+        FAMILIES * 20 * 2.0 * scipy.stats.t.sf(np.sqrt(37.0), drives + POOLED) for drives in (number - 1, number)
+    ]
     assert by_hand[0] >= SIGNIFICANT_LEARNED > by_hand[1]
 
 
@@ -127,15 +129,32 @@ def test_no_number_of_healthy_drives_is_promised_where_none_would_help(drives, o
 
 
 def test_an_effect_is_proven_by_what_is_left_beside_healthy_variation_and_matters_by_all_of_it():
-    assert judged(20.0, 0.5)[1]
-    assert not judged(15.0, 0.3)[1]  # 20 P(chi2 > 9) = 0.05
+    assert judged(30.0, 0.5)[1]
+    assert not judged(30.0, 0.25)[1]  # 80 P(chi2 > 15) = 0.009
     assert not judged(14.0, 1.0)[1]  # fifteen are asked, whatever the probability
 
 
-def test_onsets_that_have_the_same_data_count_as_one():
+@pytest.mark.parametrize("ends", [1, 2])
+def test_the_search_for_ends_counts_as_often_as_noise_exceeds_its_statistic(ends):
+    """Noise of 250 blocks, its mean taken off, at the best range that begins inside, or that does both."""
+    blocks, drives, most = 250, 2000, 16.0 if ends == 2 else 10.0
+    number = np.arange(blocks + 1)
+    noise = np.random.default_rng(3).standard_normal((drives, blocks))
+    sums = np.pad(np.cumsum(noise - noise.mean(1, keepdims=True), 1), ((0, 0), (1, 0)))
+    length = (number[None] - number[:, None])[:: 1 if ends == 2 else blocks]
+    inside = (length >= LEAST_LENGTH) & (length <= blocks - LEAST_LENGTH)
+    begin, end = np.nonzero(inside)
+    power = length[inside] * (1.0 - length[inside] / blocks)
+    seen = np.mean([((each[end] - each[begin]) ** 2 / power).max() > most for each in sums])
+    counted = places_tried(most, blocks) ** ends * scipy.stats.chi2.sf(most, 1)
+    # 2.6 standard deviations of what is counted, and half of it: the formula is one for all numbers of blocks
+    assert seen == pytest.approx(counted, abs=0.5 * counted + 2.6 * np.sqrt(counted / drives))
+
+
+def test_onsets_that_have_the_same_data_hardly_count():
     """A delay of 24 ms from 233 s on was not found beside a leak: each of 300 onsets counted as one of its own."""
-    few, many = (judged(30.0, 0.5, degrees=12, blocks=blocks, begin=100.0)[0] for blocks in (5, 250))
-    assert many == pytest.approx(250 / LEAST_LENGTH * few)
+    few, many = (judged(30.0, 0.5, degrees=12, blocks=blocks, begin=100.0)[0] for blocks in (125, 250))
+    assert few < many < 1.5 * few
 
 
 @pytest.mark.parametrize(("uneven", "left"), [(1.0, True), (2.5, False)])
