@@ -190,7 +190,7 @@ SIGNIFICANT = 1e-2
 """[1] Probability of naming anything by chance on a log without effects, all candidates and intervals together. Set by choice."""
 SIGNIFICANT_LEARNED = 1e-3
 """[1] The same of the first effect where healthy drives tell, and that of nothing below which a residual is `unexplained`. Set by
-seed 406590 of the second bank: of ten clean drives that had been accused, nine have more, and two of 96 clear faults."""
+seed 406590 of the second bank: of eleven sound drives that had been accused nine have more, and one of 90 single effects."""
 LIKELY = 0.5
 """[1] The same of an effect as all data tell of it, from which it has no name. Set by choice: chance is as likely a cause."""
 POOLED = 6.0
