@@ -144,7 +144,7 @@ def _weighed(
     unevenness, elsewhere, own_sizes = 1.0, 1.0, 0.0
     if scores is not None:
         squares = linear.problem.by_coarse(scores) ** 2 / information
-        own_sizes = own_sizes_of(linear, term, scores, linear.by_block(direction, direction))
+        own_sizes = own_sizes_of(linear, term, scores, direction)
         unevenness, elsewhere = float(squares.sum()), float(squares.sum() - squares.max())
     told = told_of(linear, term, information, unevenness) if told is None else told
     cost = 0.0 if term.curve is None else term.curve.cost
