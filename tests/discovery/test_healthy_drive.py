@@ -448,13 +448,13 @@ def test_what_changes_along_healthy_drives_is_no_step(plant, config, prior, clea
     found = [learned(plant, grid, prior, logs) for logs in (changing, whole)]
     gain = found[0].effects.index("maf.gain")
     # that of a drive where the function of the other one takes up nothing of its change, which is the opposite, or all of it
-    assert 0.02 < found[0].late[gain] < 0.04
+    assert 0.02 < found[0].half[gain] < 0.04
     effect, steps = plant.effect("maf.gain"), []
     for each in found:
         problem = each.taken_off(lay_out(plant, grid, prior, [drive("c", 0.04)]))
         steps.append(fit_candidate(fit(problem), effect, float(clean.time.mean())))
         assert problem.seems(steps[-1].term, 1.0) == pytest.approx(
-            each.late[gain] ** 2, rel=0.01
+            each.half[gain] ** 2, rel=0.01
         )  # about half the places
         assert problem.seems(replace(steps[-1].term, begin=-np.inf), 1.0) == each.whole[gain] ** 2
     assert steps[0].told < steps[1].told
