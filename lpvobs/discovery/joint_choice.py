@@ -38,10 +38,10 @@ from lpvobs.discovery.ranking import chance, is_proven, rank, rank_in
 from lpvobs.discovery.residual import Problem, Term
 from lpvobs.discovery.sizes import slope_of
 from lpvobs.discovery.thresholds import (
+    AS_WELL,
     CLOSE,
     FORM_ALIKE,
     HALF_WIDTH,
-    HOPELESS,
     ONE_SIDED,
     PASSES,
     SHAPE,
@@ -264,7 +264,7 @@ def finished(
     term = linear.terms[index]
     own = replace(in_place(linear, index, candidate), gain=float((loss_of(bare) - loss_of(linear)).sum()))
     like = _as_fitted(linear, bare, own)
-    others = [e for e in problem.catalogue if e.id != own.id and (own.changes or not problem.absorbs(e))]
+    others = [e for e in _others(linear) if own.changes or not problem.absorbs(e)]
     others += [replace(e, apply=law, straight=False) for e in others for law in e.laws]
     others += [e for e in forms if cause_of(e.id) != cause_of(own.id)]
     if term.course is not None:
@@ -275,10 +275,11 @@ def finished(
     once = [c for i, c in enumerate(rivals) if c.id not in {better.id for better in rivals[:i]}]
     beside = []
     driven = channel_candidates(bare, SHORTLIST) if isinstance(term.curve, Curve) else []
-    near = [
-        c for c in (*once[:SHORTLIST], *_in_its_place(linear, bare, index), *driven) if c.gain > HOPELESS * own.gain
-    ]
-    for rival in near:  # all unknowns fitted with it
+    near: dict[str, Candidate] = {}
+    for c in best_first([*once[:SHORTLIST], *_in_its_place(linear, bare, index), *driven]):
+        if c.gain > AS_WELL * like.gain:
+            near.setdefault(c.id, c)
+    for rival in near.values():  # all unknowns fitted with it
         there = with_term(linear, index, rival.term)
         beside.append(_as_fitted(there, bare, rival))
     alike = dict.fromkeys([own.id, *(c.id for c in beside if fits_as_well(like, c, problem))])
@@ -329,8 +330,8 @@ def fits_as_well(best: Candidate, other: Candidate, problem: Problem) -> bool:
         return True
     short = [each.term.effect.late and abs(each.term.size) < 2.0 * HALF_WIDTH for each in (best, other)]
     if learned and all(short):
-        return other.gain > 0.5 * best.gain
+        return other.gain > AS_WELL * best.gain
     difference = problem.by_coarse(other.loss - best.loss)
     ranks = (1 + np.argsort(np.argsort(np.abs(difference)))) * np.sign(difference)
     statistics = (float(x.sum() / max(np.sqrt(x @ x), 1e-300)) for x in (difference, ranks))
-    return max(statistics) <= NINETY and other.gain > 0.5 * best.gain
+    return max(statistics) <= NINETY and other.gain > AS_WELL * best.gain

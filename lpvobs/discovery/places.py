@@ -113,6 +113,7 @@ def _view(model: ResidualModel, log: Log, spacing: float, half_width: float) -> 
         )
     least = max(1.0, 0.5 * thresholds.LEAST_SAMPLES * float(np.median(np.diff(log.time))) / thresholds.HALF_WIDTH)
     time = instants(log, spacing, least * thresholds.WIDER * thresholds.HALF_WIDTH)  # the same instants for all widths
+    time = time[filled(log, time, least * thresholds.HALF_WIDTH)]
     half_width *= least
     _refuse_short(log, time.size * spacing)
     value, rate = at(log, np.stack([log[name] for name in model.signals]), time, half_width)
@@ -222,6 +223,15 @@ def instants(log: Log, spacing: float, half_width: float) -> Array:
         if last > first:
             found.append(np.arange(first, last, spacing))
     return np.concatenate(found) if found else np.empty(0)
+
+
+def filled(log: Log, time: Array, half_width: float) -> NDArray[np.bool_]:
+    """Return whether both halves of the window around an instant hold a third of its samples, shape (K,).
+
+    Where a few readings are missing, there is no gap yet. A parabola through what is left runs away beside it.
+    """
+    before, here, after = (np.searchsorted(log.time, time + shift) for shift in (-half_width, 0.0, half_width))
+    return np.asarray(np.minimum(here - before, after - here) >= thresholds.LEAST_SAMPLES // 3)
 
 
 def at(log: Log, columns: Array, time: Array, half_width: float) -> tuple[Array, Array]:

@@ -210,10 +210,11 @@ def chance_of_nothing(first: Linear, ranking: Sequence[Candidate]) -> float:
     return min(single, FAMILIES * len(problem.carriers) * uneven)
 
 
-def best_of(linear: Linear) -> tuple[Candidate, ...]:
+def best_of(linear: Linear, channels: bool = True) -> tuple[Candidate, ...]:
     """Return all candidates, best first, those with a curve among them where they beat the catalogue."""
     found = rank(linear, linear.problem.catalogue)
-    driven = best_first([*channel_candidates(linear), *component_candidates(linear, found)])
+    logged = channel_candidates(linear) if channels else []
+    driven = best_first([*logged, *component_candidates(linear, found)])
     if driven and score(driven[0]) > thresholds.ADVANTAGE * max(score(found[0]), 0.0):
         return (*driven, *found)
     return (*found[:1], *driven, *found[1:])

@@ -86,7 +86,7 @@ def select(problem: Problem, progress: Callable[[float], None] = lambda _: None)
     """Return the effects that the logs prove, or the verdict that there are none or that something stays unexplained."""
     # The search with formulas takes the steps of the first one where none of them leads.
     once: Once = cache(lambda work, *on: work(*on))
-    search = _search(problem, progress, once)
+    search = _listed(problem, progress, once, _search(problem, progress, once))
     learned = len(problem.patterns) > 0
     tried = [*search.ranking, *_forms_of(search, once)[:1], *search.on_the_way] if learned else search.ranking
     nothing, named = chance_of_nothing(search.first, tried), search.accepted
@@ -146,7 +146,9 @@ def _rival_forms(search: _Search, once: Once) -> Rivals:
 def _forms_of(search: _Search, once: Once) -> Sequence[Candidate]:
     """Return the formulas of the first round, best first; none for a model of blocks, where only what is left is asked for them."""
     first = search.first
-    forms: Sequence[Candidate] = once(best_forms, first, once(best_of, first)) if first.problem.blocks is None else ()
+    forms: Sequence[Candidate] = (
+        once(best_forms, first, once(best_of, first, True)) if first.problem.blocks is None else ()
+    )
     return forms
 
 
@@ -171,6 +173,18 @@ def _with_forms(
     return replace(search, on_the_way=way or search.on_the_way) if search.verdict == "unexplained" else search
 
 
+def _listed(problem: Problem, progress: Callable[[float], None], once: Once, search: _Search) -> _Search:
+    """Return a search that names a logged channel beside another effect, or one without channels that explains more.
+
+    A channel's curve may stand for two listed effects at once, and then keeps the second of them from its name.
+    """
+    if len(search.accepted) < 2 or not any(c.id.startswith(CHANNEL) for c in search.accepted):
+        return search
+    listed = _search(problem, progress, once, channels=False)
+    left = objective(refit(search.linear, listed.linear.terms))  # with the same weights
+    return replace(listed, ranking=search.ranking) if listed.accepted and left < objective(search.linear) else search
+
+
 def _leaves_less(linear: Linear) -> bool:
     """Return whether a model with formulas leaves less by what a formula must take off.
 
@@ -188,6 +202,7 @@ def _search(
     once: Once,
     with_forms: bool = False,
     leader: Candidate | None = None,
+    channels: bool = True,
 ) -> _Search:
     """Return what the search comes to; kept stretches take no part."""
     before = linear = once(fit, problem)
@@ -195,7 +210,7 @@ def _search(
     accepted: tuple[Candidate, ...] = ()
     for step in range(thresholds.MOST_EFFECTS):
         progress(0.05 + 0.85 * step / thresholds.MOST_EFFECTS)
-        found = once(best_of, linear)
+        found = once(best_of, linear, channels)
         if with_forms:
             found = beside_forms(linear, found, once(best_forms, linear, found), None if accepted else leader)
         if is_relevant(found[0], linear) and not any(is_proven(c, linear) for c in found):

@@ -1,10 +1,9 @@
 """Every tuned number of the search for effects: value, [unit], meaning, and the run that set it.
 
-One constant, one docstring: `[unit] what it decides. Set by ...`. `make thresholds` reads this file, records how near the
-decisions of a small bank come to each value, halves and doubles those that decide, and writes what changes to
-`benchmarks/results/thresholds.md`, run 11 here: it holds a value where decisions came within a factor of two, and half and twice
-turned no verdict on the drives nearest to it. Run 11 had no `SLIGHT`, and took `EFFECT_STEP` from none, too. Values are replaced
-before the rest of the package is imported: this module imports nothing.
+One constant, one docstring: `[unit] what it decides. Set by ...`. `make thresholds` records how near the decisions of a small
+bank come to each value, halves and doubles those that decide, and writes what changes to `benchmarks/results/thresholds.md`,
+run 11 here: it holds a value where decisions came within a factor of two, and half and twice turned no verdict on the drives
+nearest to it. Run 11 had no `SLIGHT`. Values are replaced before the rest of the package is imported: this imports nothing.
 """
 
 # --- Where residuals are taken ---------------------------------------------------------------------------------------------
@@ -206,6 +205,8 @@ smoothing and a bilinear map leave gained 0.0015 at most with constants anywhere
 PROVEN = 15.0
 """[1] Smallest gain of anything that is named: e^-15 by chance, with a margin for errors that are not quite as they are assumed.
 Set by choice: on long logs LEAST_SHARE asks for more; no decision of run 11 comes near it."""
+AS_WELL = 0.5
+"""[1] Share of the best gain that another effect must have at least to explain the logs as well. Set by choice."""
 SWITCH = 3.0
 """[1] Cost of a switch between acting and not acting, in logarithms of the number of instants. Set by choice: as an interval."""
 CLOSE = 0.7
@@ -255,9 +256,8 @@ REST = 0.1
 bank 3; no decision of run 11 comes near it."""
 SHAPE = 0.35
 """[1] Share by which the course of a cause may differ from the catalogue's, rms, where the engine is not the model. Its
-square is the share of a gain that decides nothing. A further effect must be proven by what is left of its gain where all others
-may differ so. Set by trial on drives of another structure: a sensor that reads 9 % too little was told from an inlet leak by a
-ninth of the gain, wrongly."""
+square is the share of a gain that decides nothing. A further effect must be proven by what its gain keeps where all others may
+differ so. Set by drives of another structure: a sensor 9 % too low was told from an inlet leak by a ninth of the gain, wrongly."""
 RESPONSE = 0.07
 """[1] Share by which a size may be off where the engine is not the model: what was learned of it, and the laws of the catalogue,
 are not quite its own. Set by sizes on altered drives of the blind banks 9647 and 68529: with 0.07 to 0.1, 85 to 94 % of the

@@ -323,7 +323,7 @@ def test_a_search_ends_where_a_formula_that_follows_the_time_leads(searched, pro
     problem, tried = SimpleNamespace(patterns=(1,), data=1000.0), []
     model = SimpleNamespace(terms=(SimpleNamespace(course="none"),), problem=problem)
 
-    def best_of(_):
+    def best_of(_, channels):
         tried.append(form)
         return (form if len(tried) == 1 else other,)
 
@@ -625,7 +625,7 @@ def test_what_cannot_be_is_not_the_same_place_again(searched, below, whole, verd
     result = searched(
         SimpleNamespace(patterns=(1,), data=1000.0),
         is_proven=True, is_relevant=True, _with_one_more=(found, (own,)), in_episodes=None, is_below_none=below,
-        best_of=lambda linear: (again if linear.terms else own,),
+        best_of=lambda linear, _: (again if linear.terms else own,),
         same_place_again=lambda candidate, *_: candidate is again,
     )  # fmt: skip
     assert result.verdict == verdict
@@ -702,9 +702,35 @@ def test_the_search_goes_on_with_an_effect_in_all_its_episodes_or_from_where_ano
     first, both = (SimpleNamespace(terms=(SimpleNamespace(course=name),), problem=problem) for name in (None, "both"))
     result = searched(
         problem, is_relevant=False, is_below_none=False, _with_one_more=(first, (named,)),
-        best_of=lambda linear: (nothing if linear is both else again,),
+        best_of=lambda linear, _: (nothing if linear is both else again,),
         is_proven=lambda candidate, _: candidate is again,
         same_place_again=lambda candidate, accepted, _: bool(accepted) and candidate is again,
         **({"in_episodes": None} | {found_by: (both, (named,))}),
     )  # fmt: skip
     assert (result.verdict, result.accepted, result.linear) == ("effect", (named,), both)
+
+
+@pytest.mark.parametrize(
+    ("ids", "left", "of_listed", "named"),
+    [
+        (("channel:T_coolant", "turbine.efficiency"), 961.0, 2, ("compressor.flow", "maf.gain")),
+        (("channel:T_coolant", "turbine.efficiency"), 1108.0, 2, None),  # the channel explains more
+        (("channel:T_coolant", "turbine.efficiency"), 961.0, 0, None),  # nothing listed is proven
+        (("channel:T_coolant",), 961.0, 2, None),  # takes no name away
+        (("leak.intake", "turbine.efficiency"), 961.0, 2, None),
+    ],
+)
+def test_a_channel_beside_a_name_gives_way_to_listed_effects_that_explain_more(
+    monkeypatch, ids, left, of_listed, named
+):
+    """A coolant temperature and a turbine left 1107 where the reading and the compressor, which were wrong, left 961."""
+    own, listed = SimpleNamespace(terms=ids), SimpleNamespace(terms=("compressor.flow", "maf.gain")[:of_listed])
+    search, other = (
+        select._Search("effect", tuple(SimpleNamespace(id=id_) for id_ in linear.terms), linear, "before", ())
+        for linear in (own, listed)
+    )
+    monkeypatch.setattr(select, "_search", lambda *_, channels: other)
+    monkeypatch.setattr(select, "refit", lambda _, terms: listed)
+    monkeypatch.setattr(select, "objective", lambda linear: left if linear is listed else 1107.0)
+    found = select._listed(None, None, None, search)
+    assert tuple(c.id for c in found.accepted) == (named or ids)

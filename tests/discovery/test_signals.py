@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from reference.drives import log_of
 
-from lpvobs.discovery.places import at, instants
+from lpvobs.discovery.places import at, filled, instants
 
 
 def test_a_parabola_is_seen_exactly_by_both_views():
@@ -39,6 +39,18 @@ def test_no_window_reaches_across_a_gap():
     value, rate = at(log, signal[None], where, 0.1)
     np.testing.assert_allclose(value[0, 0], np.where(where < 30.0, 1.0, 100.0), rtol=1e-9)
     np.testing.assert_allclose(rate[1, 0], 0.0, atol=1e-6)
+
+
+def test_no_instant_stands_where_readings_are_missing_that_are_no_gap_yet():
+    """A parabola through three readings on one side gave an engine's speed a rate of -130 000 rpm/s, and `estimate` a ValueError."""
+    time = np.delete(np.arange(0.0, 20.0, 0.05), [*range(200, 203), *range(204, 215)])
+    log = log_of(time, {})
+    where = np.arange(1.0, 19.0, 0.1)
+    kept = where[filled(log, where, 0.35)]
+    lost = np.setdiff1d(where, kept)
+    assert 9.9 < lost.min() < 10.0 < 10.7 < lost.max() < 10.9  # four of seven readings on either side
+    _, rate = at(log, np.sin(time)[None], kept, 0.35)
+    np.testing.assert_allclose(rate[:, 0], np.broadcast_to(np.cos(kept), (2, kept.size)), atol=0.01)
 
 
 def test_what_follows_a_channel_is_read_but_is_no_channel_of_the_search(laid_out, clean):
