@@ -42,13 +42,13 @@ def test_no_window_reaches_across_a_gap():
 
 
 def test_no_instant_stands_where_readings_are_missing_that_are_no_gap_yet():
-    """A parabola through three readings on one side gave an engine's speed a rate of -130 000 rpm/s, and `estimate` a ValueError."""
+    """A parabola through three readings on one side gave a speed a rate of -130 000 rpm/s, and `estimate` a ValueError."""
     time = np.delete(np.arange(0.0, 20.0, 0.05), [*range(200, 203), *range(204, 215)])
     log = log_of(time, {})
     where = np.arange(1.0, 19.0, 0.1)
     kept = where[filled(log, where, 0.35)]
     lost = np.setdiff1d(where, kept)
-    assert 9.9 < lost.min() < 10.0 < 10.7 < lost.max() < 10.9  # four of seven readings on either side
+    np.testing.assert_allclose([lost.min(), lost.max()], [9.9, 10.8])  # less than four readings, of seven, on one side
     _, rate = at(log, np.sin(time)[None], kept, 0.35)
     np.testing.assert_allclose(rate[:, 0], np.broadcast_to(np.cos(kept), (2, kept.size)), atol=0.01)
 
