@@ -88,7 +88,9 @@ def choose_again(linear: Linear, candidate: Candidate) -> tuple[Candidate, Linea
         bare = without(linear, newest)
     effects = dict.fromkeys(rival.term.effect for rival in best_first(proven) if rival.id != again.id)
     on_course = best_course(linear, bare, again, [each for each in effects if each in problem.catalogue][:SHORTLIST])
-    if on_course is not again and _is_better(linear, bare, on_course, again):
+    # Errors of a healthy engine that change slowly look like a course over time, hardly like an onset.
+    unproven = on_course.in_time and is_proven(again, bare) and not is_proven(on_course, bare)
+    if on_course is not again and not unproven and _is_better(linear, bare, on_course, again):
         return _course_again(fit(problem, [*bare.terms, on_course.term], start=linear), on_course)
     curved = curve_in_place_of(bare, again.term)
     if curved is not None and score(curved) > score(again) + TIE and is_proven(curved, bare):

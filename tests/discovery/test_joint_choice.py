@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from lpvobs.discovery import evidence, joint_choice
+from lpvobs.discovery import course_choice, evidence, joint_choice
 from lpvobs.discovery.courses import TracedCourse, relay
 from lpvobs.discovery.curves import along_channel, channel_candidates
 from lpvobs.discovery.evidence import fit_candidate, in_place
@@ -220,3 +220,21 @@ def test_what_is_proven_in_an_interval_alone_is_tried_on_courses_too(laid_out, p
     monkeypatch.setattr(joint_choice, "is_proven", lambda candidate, _: not candidate.term.whole)
     joint_choice.choose_again(linear, in_place(linear, 0, fit_candidate(bare, gain, *span)))
     assert offset in asked[0]
+
+
+@pytest.mark.parametrize("proven", [False, True])
+def test_a_ramp_without_proof_takes_the_place_of_no_proven_onset(laid_out, plant, clean, misread, monkeypatch, proven):
+    """A leak of the EGR valve from 41 s on, p = 2e-9, was named one that grows, p = 0.05, and lost its name for that."""
+    gain = plant.effect("maf.gain")
+    problem = laid_out(misread(clean, clean["W_maf"] * np.where(clean.time < ONSET, 1.0, 1.05), {}))
+    linear = fit(problem, [Term(gain, 1.05, ONSET)])
+    ramp = next(course for course in course_choice._in_time(problem).courses if course.name == "ramp")
+
+    def misled(_, bare, own, __):
+        return replace(course_choice.fit_course(bare, gain, ramp), gain=2.0 * own.gain)
+
+    monkeypatch.setattr(joint_choice, "best_course", misled)
+    monkeypatch.setattr(joint_choice, "_is_better", lambda *_: True)
+    monkeypatch.setattr(joint_choice, "is_proven", lambda candidate, _: candidate.term.course is None or proven)
+    named, _ = joint_choice.choose_again(linear, in_place(linear, 0, fit_candidate(linear, gain, ONSET)))
+    assert (named.term.course is not None) == proven
