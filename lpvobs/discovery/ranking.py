@@ -110,11 +110,12 @@ def chance(candidate: Candidate, problem: Problem, wider: float = 1.0) -> float:
     with as many degrees of freedom as there are drives (the moderated t-test, Smyth 2004). An effect that begins or ends is
     compared with the rest of its drive, which tells the noise: the larger the part of noise, the nearer is its distribution to
     the normal one (Satterthwaite). That is a choice, held by the clean drives of seed 723923 of the second bank. Nor may it gain
-    less, over noise, than the best onset gains on a healthy drive: what they leave comes and goes, too.
+    less, over noise, than the best onset gains on a healthy drive: what they leave comes and goes, too. An effect that acts for
+    less than a minute counts as its share of one.
     """
     gain = max(candidate.told * max(candidate.gain - candidate.price + candidate.paid, 0.0) - candidate.paid, 0.0)
     statistic = 2.0 * (gain / wider) / max(candidate.unevenness, 1.0)
-    statistic /= _by_search(candidate, problem)
+    statistic *= _share_of_a_minute(candidate, problem) / _by_search(candidate, problem)
     hypotheses = FAMILIES * len(problem.catalogue) * places_tried(statistic, candidate.loss.size) ** candidate.changes
     varies = 1.0 - candidate.told if candidate.changes else 1.0  # the part whose variance drives alone tell
     degrees = min(problem.seeming.degrees / max(varies, 1e-6) ** 2, 1e6)
@@ -129,6 +130,13 @@ def places_tried(statistic: float, blocks: int) -> float:
     from it: half as often, for places are blocks; so the square is right for two ends.
     """
     return 1.0 + 0.5 * statistic * math.log(max(blocks / thresholds.LEAST_LENGTH, 1.0))
+
+
+def _share_of_a_minute(candidate: Candidate, problem: Problem) -> float:
+    """Return for which share of a minute an effect acts, one at most: at one place an error of a healthy engine lasts as long."""
+    if not (problem.seeming.drives and candidate.changes):
+        return 1.0
+    return min(1.0, problem.spacing * float(candidate.term.acts(problem.clock).sum()) / thresholds.MEMORY)
 
 
 def _by_search(candidate: Candidate, problem: Problem) -> float:
