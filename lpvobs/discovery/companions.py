@@ -9,7 +9,7 @@ from lpvobs.discovery import thresholds
 from lpvobs.discovery.curves import over_time
 from lpvobs.discovery.evidence import Candidate, in_place
 from lpvobs.discovery.fit import fit, objective, refit, without
-from lpvobs.discovery.forms import CHANNEL, PREFIX
+from lpvobs.discovery.forms import CHANNEL, PREFIX, follows_a_rate
 from lpvobs.discovery.held_out import Losses, cross_validated, noise_power
 from lpvobs.discovery.linear import Linear, cancels, changed_by
 from lpvobs.discovery.places import moves
@@ -51,12 +51,13 @@ def _is_of_its_own(linear: Linear, newest: Candidate, gained: float) -> bool:
     """Return whether the newest effect is more than what the others leave; it gains so much in blocks not fitted to.
 
     It is where it keeps some of its gain beside others of another shape, and that is proven, too. What else is wrong with the same
-    sensor from the same moment on may be the shape of its error.
+    sensor from the same moment on may be the shape of its error. A form takes rates over a second, and what they do faster looks
+    like a reading that is late.
     """
     *others, last = range(len(linear.terms))
-    if any(cancels(linear, i, last) for i in others):
-        return False
     effects = [term.effect for term in linear.terms]
+    if any(cancels(linear, i, last) or (effects[last].late and follows_a_rate(effects[i].id)) for i in others):
+        return False
     # a channel or a formula has the shape that came first, no cause's own
     shapeless = any(effects[i].id.startswith((CHANNEL, PREFIX)) for i in others)
     place = [(effect.place, effect.late) for effect in effects]

@@ -202,6 +202,11 @@ def parsed(id_: str) -> Form:
     return Form(target, tuple(factors), _reference(whole) if whole else 0.0)
 
 
+def follows_a_rate(id_: str) -> bool:
+    """Return whether an identifier is that of a form with the rate of a channel."""
+    return id_.startswith(PREFIX) and any(factor.of == "rate" for factor in parsed(id_).factors)
+
+
 def cause_of(id_: str) -> tuple[str, frozenset[str]]:
     """Return what the form of an identifier says is off, and the signals that this follows."""
     form = parsed(id_)

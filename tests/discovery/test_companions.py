@@ -166,6 +166,15 @@ def test_what_begins_at_another_time_is_no_shape_of_the_first_error(better):
     assert not better(3000.0, 1000.0, 850.0, named="form:", since=286.0)
 
 
+@pytest.mark.parametrize(
+    ("form", "kept"), [("form:W_maf ~ W_maf * d(p_im)/dt", False), ("form:W_maf ~ W_maf * p_im", True)]
+)
+def test_a_late_reading_beside_a_form_over_a_rate_is_what_its_mean_over_a_second_leaves(better, form, kept):
+    """Two readings whose error followed the rate of the intake pressure had a delay of 19 and 31 ms beside the right form."""
+    assert better(3000.0, 1000.0, 700.0, named=form, late=True) == kept
+    assert better(3000.0, 1000.0, 700.0, named=form)
+
+
 def test_two_effects_that_are_nearly_opposite_do_not_explain_each_other(better):
     """An inlet leak at the end of its range stood beside a reading a quarter too high."""
     assert not better(3000.0, 1000.0, 500.0, opposed=True)
