@@ -18,6 +18,7 @@ from stat import S_ISREG
 from lpvobs.errors import DataError
 
 _claims: set[Path] = set()  # targets that this process has claimed
+_TEMPORARY = re.compile(r"\.(.+)\.[a-z0-9_]{8}\.part", re.DOTALL)
 
 
 @contextmanager
@@ -29,7 +30,7 @@ def replacing(target: Path) -> Iterator[Path]:
     """
     with claimed(target) as regular:
         try:
-            handle, name = tempfile.mkstemp(prefix=f".{regular.name}.", suffix=".part", dir=regular.parent)
+            handle, name = tempfile.mkstemp(prefix=f".{_whole(regular).name}.", suffix=".part", dir=regular.parent)
             os.close(handle)
             temporary = Path(name)
             try:
@@ -53,7 +54,7 @@ def replacing(target: Path) -> Iterator[Path]:
 def claimed(target: Path) -> Iterator[Path]:
     """Keep other processes from writing `target`, and sweep away what killed writers have left; yield the file, raise as above."""
     target = _regular(target)
-    if target in _claims:  # whoever claimed it first lets it go
+    if _whole(target) in _claims:  # whoever claimed it first lets it go
         yield target
         return
     lock = target.with_name(f".{target.name}.lock")
@@ -77,6 +78,12 @@ def claimed(target: Path) -> Iterator[Path]:
         with suppress(OSError):
             lock.unlink()
         os.close(handle)
+
+
+def _whole(target: Path) -> Path:
+    """Return the file that a temporary file of this process takes the place of, a target itself: the next writer sweeps that."""
+    own = _TEMPORARY.fullmatch(target.name)
+    return target.with_name(own[1]) if own and target.with_name(own[1]) in _claims else target
 
 
 def _locked(lock: Path) -> int:

@@ -1,6 +1,7 @@
 """At any instant the target is absent, the old file, or the complete new one."""
 
 import os
+import re
 import stat
 import subprocess
 import sys
@@ -137,3 +138,16 @@ def test_a_killed_writer_leaves_the_old_file(tmp_path):
     assert ended.returncode == -9
     assert target.read_text() == "old"
     assert all(name.startswith(".result.h5.") for name in names(tmp_path) if name != "result.h5")
+
+
+def test_a_temporary_file_that_is_written_again_leaves_nothing_that_the_next_writer_does_not_sweep(tmp_path):
+    """A killed `estimate` left `..o.h5.wutm0ktd.part.vbuehtd6.part` and a lock of it, which nobody took away."""
+    target = tmp_path / "o.h5"
+    with replacing(target) as whole:
+        whole.write_bytes(b"old")
+        with replacing(whole) as again:
+            assert re.fullmatch(r"\.o\.h5\.[a-z0-9_]{8}\.part", again.name)
+            assert names(tmp_path) == sorted([whole.name, again.name, ".o.h5.lock"])
+            again.write_bytes(b"new")
+    assert names(tmp_path) == ["o.h5"]
+    assert target.read_bytes() == b"new"
