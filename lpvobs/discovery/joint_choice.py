@@ -34,7 +34,7 @@ from lpvobs.discovery.forms import PREFIX, cause_of, share_a_signal, without_var
 from lpvobs.discovery.inside import Number, with_inside
 from lpvobs.discovery.known_effects import NINETY
 from lpvobs.discovery.linear import Linear, changed_by, dot
-from lpvobs.discovery.ranking import chance, is_proven, rank, rank_in
+from lpvobs.discovery.ranking import chance, each_once, is_proven, rank, rank_in
 from lpvobs.discovery.residual import Problem, Term
 from lpvobs.discovery.sizes import slope_of
 from lpvobs.discovery.thresholds import (
@@ -274,16 +274,10 @@ def finished(
         rivals = best_first(fit_course(bare, e, term.course) for e in able)
     else:
         rivals = rank_in(bare, _acting(problem, others, term), term.begin, term.end)
-    once = [c for i, c in enumerate(rivals) if c.id not in {better.id for better in rivals[:i]}]
-    beside = []
     driven = channel_candidates(bare, SHORTLIST) if isinstance(term.curve, Curve) else []
-    near: dict[str, Candidate] = {}
-    for c in best_first([*once[:SHORTLIST], *_in_its_place(linear, bare, index), *driven]):
-        if c.gain > AS_WELL * like.gain:
-            near.setdefault(c.id, c)
-    for rival in near.values():  # all unknowns fitted with it
-        there = with_term(linear, index, rival.term)
-        beside.append(_as_fitted(there, bare, rival))
+    near = each_once(best_first([*each_once(rivals)[:SHORTLIST], *_in_its_place(linear, bare, index), *driven]))
+    close = [c for c in near if c.gain > AS_WELL * like.gain]
+    beside = [_as_fitted(with_term(linear, index, c.term), bare, c) for c in close]  # all unknowns fitted with each
     alike = dict.fromkeys([own.id, *(c.id for c in beside if fits_as_well(like, c, problem))])
     indistinguishable = tuple(id_ for id_ in without_variants(list(alike)) if id_ != own.id)
     share = own.gain / max(float(loss_of(bare).sum()), own.gain, 1e-300)

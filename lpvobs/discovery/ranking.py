@@ -218,6 +218,14 @@ def chance_of_nothing(first: Linear, ranking: Sequence[Candidate]) -> float:
     return min(single, FAMILIES * len(problem.carriers) * uneven)
 
 
+def each_once(found: Sequence[Candidate]) -> tuple[Candidate, ...]:
+    """Return the first candidate of every name."""
+    first: dict[str, Candidate] = {}
+    for candidate in found:
+        first.setdefault(candidate.id, candidate)
+    return tuple(first.values())
+
+
 def best_of(linear: Linear, channels: bool = True) -> tuple[Candidate, ...]:
     """Return all candidates, best first, those with a curve among them where they beat the catalogue."""
     found = rank(linear, linear.problem.catalogue)

@@ -38,6 +38,7 @@ from lpvobs.discovery.ranking import (
     best_of,
     chance_of_nothing,
     drives_needed,
+    each_once,
     is_proven,
     is_relevant,
     is_remnant,
@@ -111,7 +112,7 @@ def select(problem: Problem, progress: Callable[[float], None] = lambda _: None)
     losses = compare(_bare(search.linear), search.linear)
     forget()
     progress(1.0)
-    ranking, leading = (_each_once(found) for found in (search.ranking, (*search.on_the_way, *search.ranking)))
+    ranking, leading = (each_once(found) for found in (search.ranking, (*search.on_the_way, *search.ranking)))
     needed = drives_needed(tried, problem) if search.verdict == "none" else None
     return Selection(search.verdict, effects, bare, final, losses, ranking, told, leading, needed)
 
@@ -124,14 +125,6 @@ def _finished(final: Linear, bare: Linear, search: _Search, as_good: tuple[Effec
         finished(final, bare if alone else without(final, i), i, c, float(errors[i]), rivals[i])
         for i, c in enumerate(search.accepted)
     )
-
-
-def _each_once(found: Sequence[Candidate]) -> tuple[Candidate, ...]:
-    """Return the first candidate of every name."""
-    first: dict[str, Candidate] = {}
-    for candidate in found:
-        first.setdefault(candidate.id, candidate)
-    return tuple(first.values())
 
 
 def _rival_forms(search: _Search, once: Once) -> Rivals:

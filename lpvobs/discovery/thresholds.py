@@ -85,7 +85,7 @@ SHAPES = 40
 PIECE = 6.0
 """[s] Length of the means that show the errors of a healthy engine. Set by choice: their scatter counts as fast."""
 MEMORY = 60.0
-"""[s] Time constant of what lasts for minutes. Set by held-out drives: between 30 and 100 s their likelihood hardly changed."""
+"""[s] Time constant of what lasts for minutes; effects that act for less count as a share. Set by held-out drives: 30 to 100 s."""
 SLOW_SHARE = 0.05
 """[1] Variance of every slow error before any data, in usual errors squared. Set by choice; SLOW_SPREAD says how loosely."""
 SLOW_SPREAD = 3.0

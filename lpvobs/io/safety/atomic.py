@@ -66,11 +66,10 @@ def claimed(target: Path) -> Iterator[Path]:
         raise DataError(f"{target}: cannot be written ({error.strerror}); name a writable folder") from None
     try:
         _claims.add(target)
-        # what killed writers have left; `map` sweeps nothing that `map.h5` writes
-        ours = re.compile(re.escape(f".{target.name}.") + r"[a-z0-9_]{8}\.part")
-        with suppress(OSError):
+        with suppress(OSError):  # what killed writers have left; `map` sweeps nothing that `map.h5` writes
             for left in target.parent.iterdir():
-                if ours.fullmatch(left.name) and S_ISREG(left.lstat().st_mode):
+                own = _TEMPORARY.fullmatch(left.name)
+                if own and own[1] == target.name and S_ISREG(left.lstat().st_mode):
                     left.unlink(missing_ok=True)
         yield target
     finally:
